@@ -3,15 +3,20 @@
 A layer of cells of height h, between nodes, and P-wave modulus M has the stiffness M/h per area.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.model.layers import layers
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import Candidates
 
-__all__ = ["SOFT", "depth_per_speed", "layers_in_series", "softer_layer"]
+__all__ = ["SOFT", "Layers"]
 
 # Compliance of a default spring with inertia relative to that of the cells [-]: of the cells of
 # both sides in explicit steps, whose forces are those at one end, of the softer side in implicit
@@ -27,79 +32,162 @@ SOFT = 5 / 3
 # small; smaller (1.2: 1.4 %): vibration exceeds that pressure, and would persist where springs are
 # stiff.
 _BEYOND_WAVES = 1.5
+# Relative difference of layers that counts as zero [-], larger than round-off.
+_EQUAL = 1e-6
 
 
-def layers_in_series(pair: ContactPair, modulus: Floats) -> Floats:
-    """Stiffness of the layers of both sides of a pair in series. Collective.
+@dataclass(frozen=True)
+class Layers:
+    """Layers of cells at the nodes of a pair, and at the segments that the nodes may face.
 
-    Args:
-        pair: The pair.
-        modulus: P-wave modulus at the owned nodes, shape ``(n,)`` [Pa]; infinite in bodies that do
-            not deform, and where the modulus vanishes, so that cells do not limit the spring
-            stiffness.
+    A pair may have segments of cells of many sizes, or of several bodies. A spring has the
+    stiffness of the segment that its node faces when contact begins.
 
-    Returns:
-        At each node of the surface of nodes, shape ``(m,)`` [N/m]; infinite where nothing deforms.
+    Attributes:
+        area: Areas of the ``m`` nodes, shape ``(m,)`` [m^2].
+        own: Compression of the layer of each node per pressure [m/Pa], 0 where it does not deform,
+            and slowness 1/(rho c) of its waves [m^2 s/kg], shape ``(m, 2)``.
+        least: The least values of the segments that deform, for each node, ``(m, 2)``; 0 if none
+            deforms.
+        segment_nodes, of_segments: Owned nodes of the segments, ``(k,)``, and their values,
+            ``(k, 2)``.
+        varies: Whether the values of the segments differ.
     """
-    area, own, other = _compressions(pair, modulus)
-    return _stiffness(area, own + other)
 
+    area: Floats
+    own: Floats
+    least: Floats
+    segment_nodes: Ints
+    of_segments: Floats
+    varies: bool
 
-def softer_layer(pair: ContactPair, modulus: Floats) -> Floats:
-    """Stiffness of the softer layer of both sides, see `layers_in_series`. Collective."""
-    area, own, other = _compressions(pair, modulus)
-    return _stiffness(area, np.maximum(own, other))
+    @classmethod
+    def of(cls, pair: ContactPair, modulus: Floats, density: Floats | None = None) -> "Layers":
+        """Layers of a pair. Collective.
 
+        Args:
+            pair: The pair.
+            modulus: P-wave modulus at the owned nodes, shape ``(n,)`` [Pa]; infinite in bodies that
+                do not deform, and where the modulus vanishes, so that cells do not limit the spring
+                stiffness.
+            density: Density at the owned nodes, shape ``(n,)`` [kg/m^3]; None if slownesses are not
+                needed.
+        """
+        nodes, segments = pair.nodes, pair.segments
+        slowness: Floats = np.zeros(len(modulus))
+        if density is not None:
+            slowness = 1 / np.sqrt(density * modulus)
+        area, compression = layers(nodes, modulus)
+        own = np.column_stack([compression, slowness[nodes.nodes]])
+        others: Ints = np.empty(0, dtype=np.int32)
+        there: Floats = np.empty((0, 2))
+        extremes: Floats = np.full((2, 2), -np.inf)
+        if isinstance(segments, Surface):
+            others, (_, compression) = segments.nodes, layers(segments, modulus)
+            there = np.column_stack([compression, slowness[others]])
+            deforming = there[compression > 0]
+            if len(deforming):
+                extremes[:] = -deforming.min(axis=0), deforming.max(axis=0)
+        extremes = reductions.largest(nodes.V.mesh.comm, extremes)
+        least = np.where(np.isfinite(extremes[0]), -extremes[0], 0.0)
+        varies = bool(np.any(extremes[1] > (1 + _EQUAL) * least) and least[0] > 0)
+        return cls(area, own, np.tile(least, (len(area), 1)), others, there, varies)
 
-def depth_per_speed(pair: ContactPair, modulus: Floats, density: Floats) -> Floats:
-    """Compression at which default springs change to the stiff slope, per impact speed. Collective.
+    @classmethod
+    def joint(cls, parts: Sequence["Layers"]) -> "Layers":
+        """Layers of several pairs, node by node. Local."""
+        names = ("area", "own", "least", "segment_nodes", "of_segments")
+        area, own, least, nodes, values = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in names
+        )
+        return cls(area, own, least, nodes, values, any(part.varies for part in parts))
 
-    Where surfaces meet at a relative speed v, plane waves of both sides of the impedances
-    Z = rho c exert the pressure v/(1/Z_1 + 1/Z_2). Up to one and a half times this pressure springs
-    are soft.
+    @classmethod
+    def serialized(
+        cls, archive: Archive, name: str, pair: ContactPair, layers: "Layers | None"
+    ) -> "Layers | None":
+        """The layers of a pair, or those of the archive when it is read. Collective."""
+        if not archive.same(f"{name}_exist", layers is not None):
+            return None
+        m, segments = len(pair.nodes.nodes), pair.segments
+        others: Ints = np.empty(0, dtype=np.int32)
+        if isinstance(segments, Surface):
+            others = segments.nodes
+        if layers is None:
+            values = np.zeros(m), np.zeros((m, 2)), np.zeros((m, 2))
+            layers = cls(*values, others, np.zeros((len(others), 2)), False)
+        area, own, least = (
+            archive.nodal(f"{name}_{key}", pair.nodes.node_ids, getattr(layers, key))
+            for key in ("area", "own", "least")
+        )
+        there = layers.of_segments
+        if isinstance(segments, Surface):
+            there = archive.nodal(f"{name}_segments", segments.node_ids, there)
+        varies = bool(archive.same(f"{name}_vary", layers.varies))
+        return cls(area, own, least, others, there, varies)
 
-    Args:
-        pair: The pair.
-        modulus: As in `softer_layer`.
-        density: Density at the owned nodes, shape ``(n,)`` [kg/m^3].
+    @property
+    def deforms(self) -> Flags:
+        """Whether the nodes or the segments deform, shape ``(m,)``. Local."""
+        flags: Flags = np.fmax(self.own, self.least)[:, 0] > 0
+        return flags
 
-    Returns:
-        At each node of the surface of nodes, shape ``(m,)`` [s].
-    """
-    _, own, other = _compressions(pair, modulus)
-    slowness = 1 / np.sqrt(density * modulus)  # 0 in rigid bodies
-    of_both = slowness[pair.nodes.nodes]
-    if isinstance(pair.segments, Surface):
-        area, compression = layers(pair.segments, modulus)
-        of_both = of_both + _mean(pair, area, slowness[pair.segments.nodes], compression > 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth: Floats = _BEYOND_WAVES * SOFT * np.maximum(own, other) / of_both
-    return depth
+    def stiffness(self, *, in_series: bool = False) -> Floats:
+        """Largest stiffness, where the stiffest segment is faced, ``(m,)`` [N/m]. Local.
 
+        It is that of the softer layer, or of both layers in series; infinite where nothing deforms.
+        """
+        with np.errstate(divide="ignore"):
+            stiffness: Floats = self.area / self._compression(self.least, in_series)
+        return stiffness
 
-def _compressions(pair: ContactPair, modulus: Floats) -> tuple[Floats, Floats, float]:
-    """Areas of the nodes, and compression of the layers of both sides per pressure. Collective.
+    def of_candidates(self, candidates: Candidates) -> Floats | None:
+        """Values of the candidate segments, ``(s, 2)``; None if they are equal. Collective."""
+        if not self.varies:
+            return None
+        field = np.zeros((candidates.scatter.index_map.size_local, 3))
+        for column, values in enumerate(self.of_segments.T):
+            np.maximum.at(field[:, column], self.segment_nodes, values)
+        there = candidates.scatter.forward(field)
+        means: Floats = there[candidates.segments].mean(axis=1)[:, :2]
+        return means
 
-    Returns:
-        Area and compression at each node of the surface of nodes, shape ``(m,)`` [m^2] and [m/Pa];
-        mean compression of the segments where they deform [m/Pa].
-    """
-    nodes, segments = pair.nodes, pair.segments
-    area, own = layers(nodes, modulus)
-    if not isinstance(segments, Surface):
-        return area, own, 0.0
-    of_segments, other = layers(segments, modulus)
-    return area, own, _mean(pair, of_segments, other, other > 0)
+    def part(self, faced: Floats | None, *, in_series: bool = False) -> Floats:
+        """Stiffness on the segments that nodes face, relative to `stiffness`, ``(m,)`` [-]. Local.
 
+        Args:
+            faced: Values of these segments, shape ``(m, 2)``, not finite without a segment; None if
+                all segments are equal.
+            in_series: See `stiffness`.
+        """
+        if faced is None:
+            return np.ones(len(self.area))
+        most = self._compression(self.least, in_series)
+        actual = self._compression(self._known(faced), in_series)
+        return np.divide(most, actual, out=np.ones_like(most), where=actual > 0)
 
-def _mean(pair: ContactPair, area: Floats, values: Floats, deforms: Flags) -> float:
-    """Mean of values at the nodes of the segments where they deform, or 0. Collective."""
-    sums = np.array([area[deforms] @ values[deforms], area[deforms].sum()])
-    sums = reductions.total(pair.nodes.V.mesh.comm, sums)
-    return float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
+    def depth_per_speed(self, faced: Floats | None) -> Floats:
+        """Compression at which springs change to the stiff slope, per impact speed [s]. Local.
 
+        Where surfaces meet at a relative speed v, plane waves of both sides of the impedances
+        Z = rho c exert the pressure v/(1/Z_1 + 1/Z_2). Up to one and a half times this pressure
+        springs are soft.
 
-def _stiffness(area: Floats, compression: Floats) -> Floats:
-    with np.errstate(divide="ignore"):
-        stiffness: Floats = area / compression
-    return stiffness
+        Args:
+            faced: As for `part`.
+
+        Returns:
+            At each node, shape ``(m,)``; infinite where nothing deforms.
+        """
+        other = self.least if faced is None else self._known(faced)
+        slowness = self.own[:, 1] + other[:, 1]
+        depth = _BEYOND_WAVES * SOFT * np.fmax(self.own, other)[:, 0]
+        return np.divide(depth, slowness, out=np.full_like(depth, np.inf), where=self.deforms)
+
+    def _known(self, faced: Floats) -> Floats:
+        return np.where(np.isfinite(faced), np.fmax(faced, self.least), self.least)
+
+    def _compression(self, other: Floats, in_series: bool) -> Floats:
+        join = np.add if in_series else np.maximum
+        compression: Floats = join(self.own[:, 0], other[:, 0])
+        return compression

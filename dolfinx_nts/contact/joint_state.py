@@ -16,6 +16,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.contact.cell_stiffness import Layers
 from dolfinx_nts.contact.enforcement import Tied
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.massless import is_resolved
@@ -77,6 +78,9 @@ class JointState(NodesOfPairs):
         # Accepted histories of the pairs of which `_history` was joined.
         self._accepted: list[ContactHistory | Callable[[], ContactHistory]] = []
         self._history: ContactHistory
+        # Layers of the pairs, and joined.
+        self._parts: list[Layers] = []
+        self._layers: Layers | None = None
 
     @property
     def eps_N(self) -> Floats | None:
@@ -84,9 +88,12 @@ class JointState(NodesOfPairs):
         return _joint_springs([state.eps_N for state in self.members])
 
     @property
-    def depth_per_speed(self) -> Floats | None:
-        """Compression up to which normal springs are soft, per impact speed [s]. Local."""
-        return _joint_springs([state.depth_per_speed for state in self.members])
+    def layers(self) -> Layers | None:
+        """Layers of cells on which default springs depend, once they are chosen. Local."""
+        parts = [state.layers for state in self.members if state.layers is not None]
+        if len(parts) != len(self._parts) or any(map(is_not, parts, self._parts)):
+            self._parts, self._layers = parts, Layers.joint(parts) if parts else None
+        return self._layers
 
     @property
     def eps_T(self) -> Floats | None:

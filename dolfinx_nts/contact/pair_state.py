@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.cell_stiffness import SOFT, depth_per_speed, softer_layer
+from dolfinx_nts.contact.cell_stiffness import SOFT, Layers
 from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.history import NEVER, ContactHistory, reloaded
 from dolfinx_nts.contact.method import EDGES, MORTAR
@@ -58,11 +58,10 @@ class PairState(Tractions, NodesOfPairs):
         pair: The argument.
         search: Global search of the candidates.
         accepted: Last accepted contact, see `accept`.
-        eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m]; None before the first step,
-            or without springs.
-        depth_per_speed: Compression up to which springs of the default stiffness are soft, per
-            impact speed, in steps with inertia, shape ``(n,)`` [s]; None for springs of constant
-            stiffness.
+        eps_N: Stiffness of the penalty springs, of default ones on the stiffest segment, shape
+            ``(n,)`` [N/m]; None before the first step, or without springs.
+        layers: Layers of cells on which default springs depend in steps with inertia; None for
+            springs of constant stiffness.
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
         vertices: States of vertices on convex edges and corners, see `VertexState`, whose forces
             belong to this pair.
@@ -83,7 +82,7 @@ class PairState(Tractions, NodesOfPairs):
         # A separate search for `gap`, which must not change the candidates of steps.
         self._far_search = _search(pair)
         self.eps_N: Floats | None = None
-        self.depth_per_speed: Floats | None = None
+        self.layers: Layers | None = None
         self.eps_T: Floats | None = None
         # Smallest and largest stiffness by name, once the stiffness is chosen.
         self._ranges: dict[str, tuple[float, float]] | None = None
@@ -166,12 +165,10 @@ class PairState(Tractions, NodesOfPairs):
             softer = np.where(np.isinf(softer), in_place, softer)
             normal = stiffer * softer
             if cells is not None:
-                of_cells = softer_layer(pair, cells()[0])
-                deforms = np.isfinite(of_cells)
-                normal = np.where(deforms, of_cells / SOFT, normal)
+                of_cells = Layers.of(pair, *cells())
+                normal = np.where(of_cells.deforms, of_cells.stiffness() / SOFT, normal)
                 if _takes_default(pair):
-                    depth = depth_per_speed(pair, *cells())
-                    self.depth_per_speed = np.where(deforms, depth, np.inf)
+                    self.layers = of_cells
         self.choose_penalty(normal, softer)
 
     def _softer_side(self, of_all: Floats) -> Floats:
@@ -313,13 +310,14 @@ class PairState(Tractions, NodesOfPairs):
         }
         self.accept(ContactHistory(**stored))
         self.sink(archive.same(f"{name}/sunk", self.search.sunk))
-        for spring in ("eps_N", "depth_per_speed", "eps_T"):
+        for spring in ("eps_N", "eps_T"):
             value = getattr(self, spring)
             if archive.same(f"{name}/has_{spring}", value is not None):
                 value = np.zeros(len(ids)) if value is None else value
                 setattr(self, spring, archive.nodal(f"{name}/{spring}", ids, value))
             else:
                 setattr(self, spring, None)
+        self.layers = Layers.serialized(archive, f"{name}/layers", self.pair, self.layers)
         chosen = archive.same(f"{name}/springs_are_chosen", self._ranges is not None)
         if archive.giving:
             springs = (("eps_N", self.eps_N), ("eps_T", self.eps_T))

@@ -13,6 +13,7 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.contact.cell_stiffness import Layers
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, contact_normals
@@ -44,6 +45,7 @@ class NeighbourList:
             update.
         of_cells: Upper limit of the stiffness of springs by the cells at them, infinite where there
             is none, shape ``(n,)`` [N/m]; None if springs act at points, not on areas.
+        layers: Layers of cells on which these limits depend, if any.
 
     Attributes:
         candidates: Candidates within the search radius.
@@ -67,8 +69,10 @@ class NeighbourList:
     start: Array | None
     is_idle = False
 
-    def __init__(self, state: PairState, of_cells: Floats | None) -> None:
-        self._state, self._of_cells = state, of_cells
+    def __init__(
+        self, state: PairState, of_cells: Floats | None, layers: Layers | None = None
+    ) -> None:
+        self._state, self._of_cells, self._layers = state, of_cells, layers
         self.part = np.ones(len(state.nodes.nodes))
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices at the last search.
@@ -230,13 +234,21 @@ class NeighbourList:
         self._travelled, self._positions = 0.0, state.search.positions(x)
         points, x = state.facets.points(x), candidates.scatter.forward(x)
         near = candidates.near(points, x, margin + state.search.sunk)
-        if self._of_cells is not None and state.facets.has_edges:
+        of_segments = None if self._layers is None else self._layers.of_candidates(candidates)
+        has_edges = state.facets.has_edges
+        if self._of_cells is not None and (has_edges or of_segments is not None):
             none = np.full(len(near), -1, dtype=np.int32)
             segment, _ = candidates.pair(points.take(near), x, none, self.reach + margin)
             node, segment = near[segment >= 0], segment[segment >= 0]
-            normal = np.zeros((len(current), 3))
-            normal[node] = contact_normals(candidates, points.take(node), x, segment)
-            arriving = state.facets.pressed_parts(x_in_space, normal)
+            arriving: Floats = np.ones(len(current))
+            if has_edges:
+                normal = np.zeros((len(current), 3))
+                normal[node] = contact_normals(candidates, points.take(node), x, segment)
+                arriving = state.facets.pressed_parts(x_in_space, normal)
+            if self._layers is not None and of_segments is not None:
+                faced = np.full((len(current), 2), np.inf)
+                faced[node] = of_segments[segment]
+                arriving = arriving * self._layers.part(faced, in_series=True)
             self.part = np.where(pressed, self.part, arriving)
         self._choose(candidates, points, near, current, keys)
         self._press(pressed)

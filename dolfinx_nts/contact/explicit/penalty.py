@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.cell_stiffness import SOFT, layers_in_series
+from dolfinx_nts.contact.cell_stiffness import SOFT, Layers
 from dolfinx_nts.contact.checks.passage import Passage, passing_nodes_message, shortest_passage_of
 from dolfinx_nts.contact.checks.soft_springs import deep_from
 from dolfinx_nts.contact.enforcement import Penalty
@@ -83,7 +83,7 @@ class ContactSprings:
     Args:
         state: State of the contact pair.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
-        modulus: See `layers_in_series`.
+        modulus: See `Layers.of`.
 
     Attributes:
         num_lost: Number of nodes of this rank that were too deep inside to find a segment in the
@@ -116,11 +116,13 @@ class ContactSprings:
         self._cells = np.full(len(self._reduced_mass), np.inf)
         # Edges touch at points; their springs have no area by which cells could limit their
         # stiffness.
+        layers = None
         if given is None and pair.method != EDGES:
-            self._cells[:] = layers_in_series(pair, modulus) / sides
+            layers = Layers.of(pair, modulus)
+            self._cells[:] = layers.stiffness(in_series=True) / sides
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
         of_areas = self._acts_on_areas and pair.method != EDGES
-        self._neighbours = NeighbourList(state, self._cells / SOFT if of_areas else None)
+        self._neighbours = NeighbourList(state, self._cells / SOFT if of_areas else None, layers)
         self.shortest_passage = shortest_passage_of(pair)
         self._deep = deep_from(pair)
         self.num_lost = self.num_deep = 0

@@ -262,6 +262,16 @@ class LocalSearch:
             parts.append(state.facets.pressed_parts(self._x_in_space, normal[first:last]))
         return np.concatenate(parts)
 
+    def least_faced(self, values: Floats) -> Floats:
+        """Least values of the segments that nodes face at first, shape ``(n, k)``. Local.
+
+        They are infinite without a segment. ``values`` belong to the candidates, ``(s, k)``.
+        """
+        segment = self.approach.segment
+        found: Floats = np.full((len(segment), values.shape[1]), np.inf)
+        found[segment >= 0] = values[segment[segment >= 0]]
+        return found
+
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
         """Find the segments of nodes in an iterate.
 

@@ -157,9 +157,11 @@ class FacetPoints:
         if is_smooth:
             offset = candidates.shortened(places, x, segment, facets.rise(facet, x))
             places = replace(places, offset=offset)
+        smooth = np.zeros(len(facet))
         found = cls(
             *(facets, candidates, places, facet, of_segment),
-            *(weight, linear, dual, 0 * weight, 0 * weight, tuple(known)),
+            *(weight, linear, dual, smooth, smooth),
+            tuple(known),
         )
         # Smooth segments have kinks between facets, but not between their patches.
         has_kinks = kinks and candidates.rise is None
@@ -171,8 +173,8 @@ class FacetPoints:
     def _kinks(self, steps: Floats) -> tuple[Floats, Floats]:
         """Largest kink, and step, of segments around the vertices of the facet of each point.
 
-        Shapes ``(p,)`` each. Collective. The kink is computed from undeformed normals, which do not change, and from the steps
-        between unconnected segments below each facet, ``(f,)`` [-].
+        Shapes ``(p,)`` each. Collective. The kink is computed from undeformed normals, which do not
+        change, and from the steps between unconnected segments below each facet, ``(f,)`` [-].
         """
         facets, scatter, k = self.facets, self.candidates.scatter, self.linear.shape[1]
         segments, orientation = self.candidates.segments, self.candidates.orientation

@@ -115,6 +115,9 @@ class FrozenPoints(LocalSearch):
         flags: Flags = part < self._part - _SETTLED_PART
         return flags
 
+    def least_faced(self, values: Floats) -> Floats:
+        return self.pairing.least_faced(values)
+
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
         # The points are kept; their gaps are not computed here.
         return self.segment[node], np.zeros(len(node), dtype=bool)

@@ -93,6 +93,12 @@ class MortarPairing(Pairing):
             self._frames = NodalFrames.of(points, slip)
         return mean_slip(points, slip, self._frames)
 
+    def least_faced(self, values: Floats) -> Floats:
+        """Least values of the segments at the points of each node, see `LocalSearch`. Local."""
+        points = self._points
+        of_points = values[points.segment % max(len(values), 1)]
+        return points.shares.reduced(np.minimum, of_points[points.shares.point], np.inf)
+
     def _ends(self, points: MortarPoints, x: Floats) -> tuple[Floats, Floats]:
         """Positions of points and facets at t_n and at x, shapes ``(p, 1+n, 3)`` [m]."""
         pairs, segment = self._candidates.pairs, points.segment

@@ -42,9 +42,12 @@ class PenaltyContact(NormalContact):
         super().__init__(state, search)
         self._eps_N, self._is_static = state.eps_N, is_static
         self._share = share
-        if state.depth_per_speed is not None and not is_static and not state.pair.is_convective:
-            self.soft_depth = self._soft_depth(state.depth_per_speed, dt)
-            self.part = self._part(np.isfinite(state.depth_per_speed))
+        layers = state.layers
+        if layers is not None and not is_static and not state.pair.is_convective:
+            of_segments = layers.of_candidates(search.candidates)
+            faced = None if of_segments is None else search.least_faced(of_segments)
+            self.soft_depth = self._soft_depth(layers.depth_per_speed(faced), dt)
+            self.part = self._part(layers.deforms, layers.part(faced))
             self._eps_N = self.part * state.eps_N
         self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
         # In statics, linearly extrapolated gaps and forces.
@@ -187,15 +190,16 @@ class PenaltyContact(NormalContact):
         depth: Floats = np.where(self._is_loaded, old.soft_depth, arriving)
         return depth
 
-    def _part(self, deforms: Flags) -> Floats:
+    def _part(self, deforms: Flags, of_layers: Floats) -> Floats:
         """Fraction of the stiffness of each spring that acts, ``(n,)`` [-]. Collective.
 
-        It is constant while the spring is loaded. It is 1 with edge contact and between bodies that
-        do not deform (flags ``deforms``, ``(n,)``), whose stiffness is not per area.
+        It is constant while the spring is loaded. The fraction due to area is 1 with edge contact
+        and between bodies that do not deform (flags ``deforms``, ``(n,)``), whose stiffness is not
+        per area. ``of_layers`` is the fraction due to the segments faced, see `Layers.part`.
         """
-        if self._state.pair.method == EDGES:
-            return np.ones(len(deforms))
-        arriving = np.where(deforms, self._search.pressed_parts, 1.0)
+        arriving = of_layers
+        if self._state.pair.method != EDGES:
+            arriving = arriving * np.where(deforms, self._search.pressed_parts, 1.0)
         return np.where(self._is_loaded, self._state.history.part, arriving)
 
     @property

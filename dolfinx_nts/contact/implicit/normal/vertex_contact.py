@@ -236,9 +236,9 @@ class VertexSprings(_Vertices, PenaltyContact):
         self._begin_at: Floats = np.zeros(len(self._tolerance))
         super().__init__(state, is_static, search, share, dt)
 
-    def _part(self, deforms: Flags) -> Floats:
-        # The whole stiffness acts at a vertex: all facets around it are behind it.
-        return np.ones(len(deforms))
+    def _part(self, deforms: Flags, of_layers: Floats) -> Floats:
+        # The whole area acts at a vertex: all facets around it are behind it.
+        return np.where(self._is_loaded, self._state.history.part, of_layers)
 
     def _stay(self, node: Ints) -> Flags:
         return np.ones(len(node), dtype=bool)
