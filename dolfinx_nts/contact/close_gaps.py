@@ -19,8 +19,8 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.collective_calls import meet
 from dolfinx_nts.parallel.errors import agreed
-from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.points import NodalPoints

@@ -42,8 +42,8 @@ def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[
     """
     if not pairs or not reductions.total(pairs[0].nodes.V.mesh.comm, len(fixed)):
         return tuple(pairs)
-    held = _held(pairs[0].nodes, fixed)
-    planes_of = cache(lambda surface: _planes(surface, held))
+    is_fixed = _fixed_components(pairs[0].nodes, fixed)
+    planes_of = cache(lambda surface: _planes(surface, is_fixed))
 
     def rest(surface: Surface, other: Surface) -> Surface:
         """The surface without the facets on planes of the other one, too; not without all."""
@@ -68,17 +68,17 @@ def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[
     return tuple(map(between, pairs))
 
 
-def _held(surface: Surface, fixed: Ints) -> Flags:
+def _fixed_components(surface: Surface, fixed: Ints) -> Flags:
     """Whether the components of the displacement of all local nodes are prescribed, ``(l, d)``."""
     V = surface.V
     vector = la.vector(V.dofmap.index_map, dimension(V))
     vector.array[fixed] = 1.0
     vector.scatter_forward()
-    held: Flags = vector.array.reshape(-1, dimension(V)) > 0
-    return held
+    is_fixed: Flags = vector.array.reshape(-1, dimension(V)) > 0
+    return is_fixed
 
 
-def _planes(surface: Surface, held: Flags) -> tuple[Floats, Floats]:
+def _planes(surface: Surface, is_fixed: Flags) -> tuple[Floats, Floats]:
     """Planes on which the segments of a surface are held in the normal direction. Collective.
 
     Returns:
@@ -93,10 +93,10 @@ def _planes(surface: Surface, held: Flags) -> tuple[Floats, Floats]:
     every = np.arange(len(segments))
     along = normal[every, axis]
     at = x[every, :, axis]
-    is_held = held[segments]
+    are_fixed = is_fixed[segments]
     is_plane = np.abs(along) >= (1 - _ROUND_OFF) * length
     is_plane &= np.ptp(at, axis=1) <= _ROUND_OFF * surface.size
-    is_plane &= is_held[every, :, axis].all(axis=1) & ~is_held.all(axis=(1, 2))
+    is_plane &= are_fixed[every, :, axis].all(axis=1) & ~are_fixed.all(axis=(1, 2))
     planes = np.column_stack([axis, np.sign(along), at.mean(axis=1)])
     planes[~is_plane] = np.nan
     found = np.unique(joined(surface.V.mesh.comm, planes[is_plane]), axis=0)

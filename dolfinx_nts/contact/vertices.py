@@ -47,23 +47,23 @@ class VertexState(PairState):
     """Contact of vertices with faces, or of edges, beyond that of a pair, see `add_vertices`.
 
     Args:
-        given: State of the pair given by the user.
+        parent: State of the pair given by the user.
         pair: Vertices on convex edges and corners of one side and the other side, or, with method
             ``"edge-to-edge"``, both sides.
         tolerance: Depth at which each node of ``pair`` is activated, shape ``(n,)`` [m].
         is_reverse: See `PairState`.
 
     Attributes:
-        given, tolerance, is_reverse: The arguments.
+        parent, tolerance, is_reverse: The arguments.
     """
 
     def __init__(
-        self, given: PairState, pair: ContactPair, tolerance: Floats, *, is_reverse: bool = False
+        self, parent: PairState, pair: ContactPair, tolerance: Floats, *, is_reverse: bool = False
     ) -> None:
-        self.given, self.tolerance, self.is_reverse = given, tolerance, is_reverse
+        self.parent, self.tolerance, self.is_reverse = parent, tolerance, is_reverse
         # Remaining number of steps without the vertices, and number at the next release.
         self._pauses = 0, 1
-        super().__init__(pair, given.passes)
+        super().__init__(pair, parent.passes)
 
     @property
     def is_released(self) -> bool:
@@ -123,7 +123,7 @@ def release_vertices(steps: Iterable[tuple[PairState | JointState, Flags]]) -> l
             if reductions.anywhere(each.nodes.V.mesh.comm, holds):
                 number = each.release()
                 when = "in this step" if number == 1 else f"in {number} steps from this one on"
-                found.append(f"{each.given.pair.between} {when}")
+                found.append(f"{each.parent.pair.between} {when}")
     return found
 
 

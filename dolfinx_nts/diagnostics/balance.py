@@ -35,7 +35,7 @@ from dolfinx_nts.fem.components import (
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
-from dolfinx_nts.parallel.meeting import collective, meet
+from dolfinx_nts.parallel.collective_calls import collective, meet
 
 __all__ = ["Balance", "CellEnergies", "Diagnostics"]
 

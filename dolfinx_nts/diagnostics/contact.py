@@ -19,7 +19,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.meeting import collective
+from dolfinx_nts.parallel.collective_calls import collective
 from dolfinx_nts.search.overlap.overlaps import Overlap
 
 __all__ = ["ContactDiagnostics", "ObstacleBalance", "PairBalance"]

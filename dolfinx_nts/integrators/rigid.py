@@ -214,7 +214,7 @@ def _fields(bodies: Sequence[Body], supports: Supports) -> tuple[list[LinearFiel
     V = bodies[0].V
     rigid = [body for body in bodies if isinstance(body, RigidBody)]
     fields, masses = [], []
-    supported: Ints = np.unique(supports.given // dimension(V))
+    supported: Ints = np.unique(supports.of_user // dimension(V))
     for body in rigid:
         shared = len(np.intersect1d(supported, body.nodes))
         if count := reductions.total(V.mesh.comm, shared):

@@ -44,8 +44,8 @@ from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.collective_calls import meet
 from dolfinx_nts.parallel.errors import agreed
-from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.linear.statistics import SolverStatistics
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
@@ -254,9 +254,9 @@ class Stepper(TimeLoop):
                 vertices.search.serialize(archive, f"pair_{number}/vertices_{i}/search")
         self.watch.serialize(archive)
         # Overlaps of a restored run are not initial overlaps.
-        self._was_displaced &= not archive.giving
+        self._was_displaced &= not archive.restores
 
-    def adopt(
+    def copy_state(
         self,
         archive: Archive,
         contacts: Mapping[int, str],

@@ -137,7 +137,7 @@ class Reader(Archive):
         file: The checkpoint.
     """
 
-    giving = True
+    restores = True
 
     def __init__(self, stepper: Stepper, file: CheckpointFile) -> None:
         self._file = file

@@ -89,7 +89,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         contacts = {i: f"pair_{k.number}" for i, k in kept.items()}
         same_scheme = scene["integrator"] == now["integrator"]
         same_bodies = _bodies(scene) == _bodies(now)
-        stepper.adopt(
+        stepper.copy_state(
             Reader(stepper, file), contacts, same_scheme=same_scheme, same_bodies=same_bodies
         )
     dropped = ["state of the linear solver", *_without_motion(stepper, comm)]

@@ -25,7 +25,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Candidates", "Search", "contact_normals", "mean_gaps", "sunk_from", "too_deep"]
+__all__ = ["Candidates", "Search", "contact_normals", "lost_depth", "mean_gaps", "too_deep"]
 
 # Depth relative to the size of a candidate [-] up to which points may leave it.
 _DEEP = 0.1
@@ -59,7 +59,7 @@ class Candidates(ABC):
     may_curve = False
 
     @property
-    def sunk(self) -> Floats:
+    def initial_depth(self) -> Floats:
         """Depth of initially penetrating points in each group of candidates, shape ``(g,)`` [m]."""
         return np.zeros(1)
 
@@ -219,12 +219,12 @@ def mean_gaps(gap: Floats, start: Array) -> Floats:
 
 def too_deep(candidates: Candidates, segment: Ints) -> Floats:
     """Depth below which points may belong to another side of the body, ``(m,)`` [m]. Local."""
-    deepest = float(candidates.sunk.max(initial=0.0))
+    deepest = float(candidates.initial_depth.max(initial=0.0))
     depth: Floats = np.maximum(_kernels.DEEPEST * candidates.size[segment], deepest)
     return depth
 
 
-def sunk_from(candidates: Candidates, segment: Ints) -> Floats:
+def lost_depth(candidates: Candidates, segment: Ints) -> Floats:
     """Depth beyond which points without a candidate have passed through their last one. Local.
 
     It is limited by the height of the cell below a segment. Shape ``(m,)`` [m].
@@ -244,14 +244,15 @@ class Search(ABC):
         frame: Frame of the candidates in the current step, in which all positions are given.
         may_move: Whether the frame may differ from space.
         num_searches: Number of exchanges of candidates between ranks.
-        sunk: Depth up to which initially penetrating nodes get segments [m], see `start.py`.
+        initial_depth: Depth [m] up to which nodes that penetrate initially get segments, see
+            `start.py`.
     """
 
     candidates: Candidates
     frame = Frame()
     may_move = False
     num_searches = 0
-    sunk = 0.0
+    initial_depth = 0.0
 
     def __init__(self, nodes: Surface, vertices: Ints) -> None:
         self._nodes, self._vertices = nodes, vertices

@@ -49,9 +49,9 @@ class JointSearch:
         self._covered: Floats = np.empty(0)
 
     @property
-    def sunk(self) -> float:
+    def initial_depth(self) -> float:
         """Depth up to which initially penetrating nodes get segments [m]. Local."""
-        return max(search.sunk for search in self._searches)
+        return max(search.initial_depth for search in self._searches)
 
     def update(self, x: Floats, reach: float) -> tuple["JointCandidates", bool]:
         """Update the candidates of all searches. Collective."""
@@ -123,7 +123,7 @@ class JointCandidates(SegmentCandidates):
         super().__init__(found, self._first)
         self._group: Ints = np.repeat(np.arange(len(parts), dtype=np.int32), num_nodes)
         self._shorter = shorter
-        self.sunk = np.concatenate([part.sunk for part in parts])
+        self.initial_depth = np.concatenate([part.initial_depth for part in parts])
 
     def find(self, key: GlobalInts) -> Ints:
         return self._kernel.find(key, self._group)

@@ -68,12 +68,12 @@ class SegmentCandidates(Candidates):
         self._kernel.hold_in_dents(found.in_dents)
 
     @property
-    def sunk(self) -> Floats:
+    def initial_depth(self) -> Floats:
         """Initial penetration of points into each group, shape ``(g,)`` [m]."""
         return self._sunk
 
-    @sunk.setter
-    def sunk(self, depth: Floats) -> None:
+    @initial_depth.setter
+    def initial_depth(self, depth: Floats) -> None:
         self._sunk = depth
         self._kernel.sink(depth)
 

@@ -64,12 +64,12 @@ class Derivative:
         for form in self._sums.values():
             form.leave_out(cells)
 
-    def set_direction(self, x: Floats, given: Flags | None = None) -> Floats:
+    def set_direction(self, x: Floats, zero: Flags | None = None) -> Floats:
         """Set the direction. Collective.
 
         Args:
             x: Direction at the owned nodes, shape ``(n, d)`` [m].
-            given: Flags of the owned dofs where the direction is set to zero, shape ``(d n,)``;
+            zero: Flags of the owned dofs where the direction is set to zero, shape ``(d n,)``;
                 None for no dof.
 
         Returns:
@@ -77,8 +77,8 @@ class Derivative:
         """
         owned = self._values[: self._num_owned]
         owned[:] = x.ravel()
-        if given is not None:
-            owned[given] = 0
+        if zero is not None:
+            owned[zero] = 0
         self._direction.x.scatter_forward()
         return owned
 

@@ -102,7 +102,7 @@ class NonlinearElimination:
         u = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
         R, states = start.R.copy(), start.states
         for number in range(1, _STEPS + 1):
-            R[bulk.given] = 0
+            R[bulk.is_prescribed] = 0
             du = self._solver.solve_for(nodes[: len(u)], R, steps, states, _REDUCTION)
             if du is None or self._are_long(du):
                 return number - 1
@@ -113,7 +113,7 @@ class NonlinearElimination:
             if number == _STEPS:
                 break
             R = bulk.forces()
-            R[bulk.given] = 0
+            R[bulk.is_prescribed] = 0
             x, forces = X + in_space(u), R.reshape(-1, dim)
             states = tuple(step.evaluate(x, forces, number) for step in steps)
             R += contact_residual(steps, states, u.shape)

@@ -132,7 +132,7 @@ class ReversePassages:
         """Serialize the last check."""
         x, *bounds = self._last
         stored = archive.local("reverse_passages", None if x is None else [x, np.array(bounds)])
-        if archive.giving:
+        if archive.restores:
             self.forget()
             if stored is not None:
                 self._last = _SinceCheck(stored[0], *map(float, stored[1]))

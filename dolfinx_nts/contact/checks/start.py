@@ -28,7 +28,7 @@ from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.search.overlap.overlaps import OverlapSearch
 
 __all__ = [
-    *("check_rigid_facets", "check_start", "sink_nodes_inside", "warn_of_bodies_without_pair"),
+    *("check_rigid_facets", "check_start", "deepen_search", "warn_of_bodies_without_pair"),
 ]
 
 _logger = logging.getLogger("dolfinx_nts")
@@ -88,7 +88,7 @@ def _inside(pair: ContactPair, ids: GlobalInts, depth: Floats, x: Floats, more: 
     )
 
 
-def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Floats) -> None:
+def deepen_search(state: PairState, inside: OverlapSearch, body: str, x: Floats) -> None:
     """Increase the search depth of initially penetrating nodes. Collective.
 
     In a run a node more than half a facet below a segment is not paired with it, as it may belong
@@ -133,7 +133,9 @@ def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Flo
         )
     if is_inside.any():
         usual = _kernels.DEEPEST * state.pair.segment_size
-        state.sink(max(state.search.sunk, float(depth[of][is_inside].max()) + usual))
+        state.set_initial_depth(
+            max(state.search.initial_depth, float(depth[of][is_inside].max()) + usual)
+        )
 
 
 def check_rigid_facets(

@@ -42,7 +42,7 @@ class AllSprings:
         self._contacts = (*contacts, *vertices)
         of_pairs = {contact: ContactSprings(contact, mass, modulus) for contact in contacts}
         self.pairs = [*of_pairs.values()]
-        self.pairs += [VertexSprings(v, mass, modulus, of_pairs[v.given]) for v in vertices]
+        self.pairs += [VertexSprings(v, mass, modulus, of_pairs[v.parent]) for v in vertices]
         self.has_friction = any(contact.pair.friction is not None for contact in contacts)
         self._forces: tuple[SpringForces, ...] = ()
         self._before: tuple[SpringForces, ...] = ()

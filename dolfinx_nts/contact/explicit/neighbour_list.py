@@ -89,7 +89,7 @@ class NeighbourList:
     @property
     def reach(self) -> float:
         """Largest gap of listed nodes [m]. Local."""
-        return _REACH * self._state.pair.segment_size + self._state.search.sunk
+        return _REACH * self._state.pair.segment_size + self._state.search.initial_depth
 
     def update(self, x: Floats, step: float) -> None:
         """Rebuild the list if other nodes than the listed ones may touch.
@@ -175,10 +175,10 @@ class NeighbourList:
         """Serialize the list, by positions as of `update`. Collective."""
         keys = self._serialized_shared(archive, f"{name}/shared")
         arrays: Sequence[Any] | None = None
-        if not archive.giving and np.isfinite(self._travelled):
+        if not archive.restores and np.isfinite(self._travelled):
             arrays = [self._listed, np.array([self._travelled, self.is_idle]), *self._positions]
         arrays = archive.local(name, arrays)
-        if not archive.giving:
+        if not archive.restores:
             return
         if arrays is None:
             self._rebuild(x, keys)
@@ -201,7 +201,7 @@ class NeighbourList:
         if not width:
             return node, key
         keys: GlobalInts = np.full((len(ids), width), -1, dtype=np.int64)
-        if not archive.giving:
+        if not archive.restores:
             keys[node, np.arange(len(node)) - np.searchsorted(node, node)] = key
         keys = archive.nodal(name, ids, keys)
         number, column = np.nonzero(keys >= 0)
@@ -229,7 +229,7 @@ class NeighbourList:
             pressed[self.number[self._pressed >= 0]] = True
         self._travelled, self._positions = 0.0, state.search.positions(x)
         points, x = state.facets.points(x), candidates.scatter.forward(x)
-        near = candidates.near(points, x, margin + state.search.sunk)
+        near = candidates.near(points, x, margin + state.search.initial_depth)
         if self._of_cells is not None and state.facets.has_edges:
             none = np.full(len(near), -1, dtype=np.int32)
             segment, _ = candidates.pair(points.take(near), x, none, self.reach + margin)

@@ -27,7 +27,7 @@ from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Candidates, sunk_from
+from dolfinx_nts.search.candidates import Candidates, lost_depth
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
@@ -163,7 +163,7 @@ class ContactSprings:
             node = forces.springs.node
             force[node, np.arange(len(node)) - np.searchsorted(node, node)] = forces.springs.force
         force = archive.nodal(f"{name}/force", state.nodes.node_ids, force)
-        if forces is not None and not archive.giving:
+        if forces is not None and not archive.restores:
             return forces
         history = state.history
         dissipation = _NO_DISSIPATION if state.pair.friction is None else history.dissipation
@@ -240,7 +240,7 @@ class ContactSprings:
             return 0
         candidates, segment = self._neighbours.candidates, before[lost]
         gap = candidates.gap(self._neighbours.points.take(lost), x, segment)
-        (deep,) = (gap < -sunk_from(candidates, segment)).nonzero()
+        (deep,) = (gap < -lost_depth(candidates, segment)).nonzero()
         if not len(deep):
             return 0
         points = self._neighbours.points.take(lost[deep])

@@ -199,7 +199,7 @@ class PresentForces:
             force[:] = archive.nodal(f"force/{number}", node_ids, force)
         # The sum is stored, as another order of summation would change its last digit.
         self.strain_energy = archive.same("strain_energy", self.strain_energy)
-        stored = archive.local("power", None if archive.giving else [np.array(self.power)])
+        stored = archive.local("power", None if archive.restores else [np.array(self.power)])
         computed = np.vdot(self._bulk.total, self.acceleration)
         self.power = float(computed if stored is None else stored[0])
         self._springs.serialize(archive, x)

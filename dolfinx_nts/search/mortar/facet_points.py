@@ -117,13 +117,13 @@ class FacetPoints:
             x_n,
             x,
             reach,
-            float(candidates.sunk.max(initial=0.0)),
+            float(candidates.initial_depth.max(initial=0.0)),
             facets.is_axisymmetric,
             is_smooth,
         )
         k = dual.shape[1]
         linear = phi if phi.shape[1] == k else phi @ linear_functions(k)
-        reached = np.hstack([facets.wholes[facet], candidates.wholes[of_segment]])
+        reached = np.hstack([facets.facet_nodes[facet], candidates.facet_nodes[of_segment]])
         width, whole = 1 + len(candidates.key), candidates.whole[of_segment]
         _, patch = np.unique(facet.astype(np.int64) * width + whole, return_inverse=True)
         places = MortarPoints(

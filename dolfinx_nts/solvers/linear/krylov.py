@@ -79,7 +79,7 @@ class KrylovFailures:
     def serialize(self, archive: Archive) -> None:
         """Serialize the numbers. Collective."""
         numbers = archive.same("hopeless_systems", np.array([self._in_a_row, self._left]))
-        if archive.giving:
+        if archive.restores:
             self._in_a_row, self._left = map(int, numbers)
 
 
@@ -280,7 +280,7 @@ class LinearSolver:
         if is_whole:
             weights = np.repeat(stiffness, dim, axis=1).ravel()
             forces = generator.standard_normal((_NUM_FORCES, len(weights))) * np.sqrt(weights)
-            forces[:, bulk.given] = 0
+            forces[:, bulk.is_prescribed] = 0
             found = self._saddle.negative_curvature_direction(
                 active_pairs(steps, constant, dim), forces, weights
             )
@@ -308,7 +308,7 @@ class LinearSolver:
         """
         bulk = self._operator.bulk
         if not inertia:
-            condense = partial(self._contacts.condensed, relief=relief, held=self._rigid_nodes)
+            condense = partial(self._contacts.condensed, relief=relief, immobile=self._rigid_nodes)
             return None if bulk.rigid.has_unknowns else condense
         if not self._saddle.may_be_small:
             return None

@@ -117,14 +117,14 @@ class RigidPreconditioner:
 
     def __init__(self, others: Preconditioner, rigid: RigidMotion, tangent: Tangent) -> None:
         self._others, self._rigid = others, rigid
-        self._holding = tangent.hold(rigid.nodes)
+        self._clamping = tangent.clamp(rigid.nodes)
 
     def solve(self, r: Floats) -> Floats:
         """Approximate solution for r, nodal vectors of shape ``(n, d)``. Collective."""
         nodes = self._rigid.nodes
         motion = self._rigid.respond(r.copy())[nodes]
         known = r.copy()
-        known[nodes] = self._holding * motion
+        known[nodes] = self._clamping * motion
         z = self._others.solve(known)
         z[nodes] = motion
         return z
@@ -216,7 +216,7 @@ class KrylovMethod:
 
     def _preconditioned(self, r: Floats) -> Floats:
         x = self._preconditioner.solve(r)
-        x.reshape(-1)[self._operator.bulk.given] = 0
+        x.reshape(-1)[self._operator.bulk.is_prescribed] = 0
         self._operator.elimination.constrain(x)
         return x
 
@@ -235,7 +235,7 @@ class KrylovMethod:
         def free(values: Floats) -> Floats:
             """Set prescribed values to zero, shape ``(d n,)``."""
             values = values.ravel()
-            values[bulk.given] = 0
+            values[bulk.is_prescribed] = 0
             return values
 
         def precondition(r: Floats) -> Floats:

@@ -87,7 +87,7 @@ class SubdomainWidth:
     def serialize(self, archive: Archive) -> None:
         """Serialize the state that later solves depend on. Collective."""
         state = archive.same("width_of_subdomain", np.array(astuple(self), dtype=float))
-        if archive.giving:
+        if archive.restores:
             is_wide, *costs, is_final = map(float, state)
             self.is_wide, self.is_final = bool(is_wide), bool(is_final)
             self.iterations, self.factors, self.decades, self.narrow = costs
@@ -188,7 +188,7 @@ class ContactSchwarz:
         self._width.serialize(archive)
         arrays = [array for blocks in self._contacts for array in blocks]
         known = archive.local("schwarz", arrays if version == self._version else None)
-        if not archive.giving:
+        if not archive.restores:
             return
         self._version = _NOTHING
         if known is not None:

@@ -156,7 +156,7 @@ class FactorAge:
         paces = self._first, self._last, self._in_contact
         age = np.array([self._fresh, self._excess, *np.ravel([astuple(pace) for pace in paces])])
         age = archive.same("age_of_factors", age)
-        if not archive.giving:
+        if not archive.restores:
             return
         self._begin()
         if self._factors.point is not None:

@@ -213,7 +213,7 @@ class BulkPreconditioner:
         strength = archive.same("strength_of_factors", self._strength)
         last = archive.local("tangent", tangent.point)
         point = last if shared else archive.local("factors", self.point)
-        if not archive.giving or (last is tangent.point and point is self.point):
+        if not archive.restores or (last is tangent.point and point is self.point):
             return
         self._strength, self.point, self._factors = strength, None, None
         tangent.forget()

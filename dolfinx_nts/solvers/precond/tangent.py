@@ -147,7 +147,7 @@ class Tangent(AddedStiffness):
         finally:
             _set(self._inputs, present)
 
-    def hold(self, nodes: Ints) -> Floats:
+    def clamp(self, nodes: Ints) -> Floats:
         """Clamp owned nodes in all matrices from now on. Collective.
 
         Returns:
@@ -155,16 +155,16 @@ class Tangent(AddedStiffness):
         """
         self._stiffness.leave_out(nodes)
         stiffness = self.nodal_stiffness()[:, None]
-        held = self._stiffness.held = np.zeros_like(stiffness)
-        held[nodes] = stiffness[nodes]
+        clamping = self._stiffness.clamping = np.zeros_like(stiffness)
+        clamping[nodes] = stiffness[nodes]
         self.forget()
-        holding: Floats = NEARBY_SHIFT * held[nodes]
-        return holding
+        clamping_nearby: Floats = NEARBY_SHIFT * clamping[nodes]
+        return clamping_nearby
 
     @property
-    def held(self) -> Floats | float:
-        """Clamping stiffness of the nodes given to `hold`, shape as for `shift`."""
-        return self._stiffness.held
+    def clamping(self) -> Floats | float:
+        """Clamping stiffness of the nodes given to `clamp`, shape as for `shift`."""
+        return self._stiffness.clamping
 
     def forget(self) -> None:
         """Return to the state before the first matrix. Local."""
@@ -206,7 +206,7 @@ class Tangent(AddedStiffness):
             _add(form, csr, self._supports.conditions)
         csr.scatter_reverse()
         self._rows.set_diagonal(self._supports.fixed, 1.0)
-        self._rows.add_to_diagonal(self.added(self.held, is_exact=is_exact))
+        self._rows.add_to_diagonal(self.added(self.clamping, is_exact=is_exact))
         self.in_addition = self.added(0.0, is_exact=is_exact)
         stiffness = self._stiffness.of(self._rows)
         self._stiffness.values = stiffness + self._add_to(self._rows)

@@ -203,7 +203,7 @@ def test_the_smallest_step_ends_the_run_in_the_last_good_state(comm, agree, refu
 
 def test_nodes_that_keep_changing_are_named(comm, refused, monkeypatch):
     stepper = scene(comm, SCHEMES["stick"]).stepper
-    monkeypatch.setattr(contact_step, "_RESTLESS", 1)
+    monkeypatch.setattr(contact_step, "_UNSETTLED", 1)
     monkeypatch.setattr(newton, "_MAX_ITERATIONS", 2)
     # The lower faces of the upper blocks have the nodes 32 to 40, and 50 to 53.
     reason = (
@@ -244,7 +244,7 @@ def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
     )
     for i, box in enumerate(boxes):
         stepper.set_velocity(box, (-2.0 * i, 0.0, 0.0))
-    monkeypatch.setattr(contact_step, "_RESTLESS", 0)
+    monkeypatch.setattr(contact_step, "_UNSETTLED", 0)
     monkeypatch.setattr(newton, "_MAX_ITERATIONS", 1)
     reason = (
         r"if (the boundary of [^,]*? or ){3}one of \d+ more is curved, smooth=True.*"
@@ -274,7 +274,7 @@ def test_an_error_names_pairs_with_nodes_on_the_stiffer_side(comm, monkeypatch, 
     )
     stepper = nts.EnergyMomentum([soft, stiff], [pair], dt=0.01)
     stepper.set_velocity(stiff, (0.0, 0.0, -2.0))
-    monkeypatch.setattr(contact_step, "_RESTLESS", 0)
+    monkeypatch.setattr(contact_step, "_UNSETTLED", 0)
     monkeypatch.setattr(newton, "_MAX_ITERATIONS", 1)
     with pytest.raises(nts.ConvergenceError) as failed:
         stepper.advance()

@@ -14,7 +14,7 @@ def test_numbers_come_back_with_their_kinds():
     for name, value in taken.items():
         assert archive.same(name, value) is value
     archive.rewind()
-    assert archive.giving
+    assert archive.restores
     for name, value in taken.items():
         given = archive.same(name, type(value)(0))
         assert (type(given), given) == (type(value), value)

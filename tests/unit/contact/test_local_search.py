@@ -54,7 +54,7 @@ def iterate(search, at, node):
     """Two iterates between which the node has and loses its segment again."""
     for number, place in enumerate((OVER, DEEP), 1):
         search.find(search.candidates.scatter.forward(at(place)), node, number)
-    assert search.restless[node].all()
+    assert search.unsettled[node].all()
     assert search.segment[node] == -1
 
 
@@ -91,4 +91,4 @@ def test_gap_of_a_node_that_stays_follows_the_node(scene):
         if number > 1:
             assert segment >= 0
             assert search.gap[node] == pytest.approx(place[1], abs=1e-12)
-    assert search.restless[node].all()
+    assert search.unsettled[node].all()

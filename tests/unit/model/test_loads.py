@@ -155,7 +155,7 @@ def test_tangent_of_pressure_is_the_derivative_of_its_force(comm, cell, rng):
     for sign in (1, -1):
         u.x.array[:] = start + sign * h * direction.ravel()
         residuals.append(bulk.forces())
-        residuals[-1][bulk.given] = 0
+        residuals[-1][bulk.is_prescribed] = 0
     u.x.array[:] = start
     expected = (residuals[0] - residuals[1]) / (2 * h)
     action = bulk.action(direction[: owned // 3]).ravel()

@@ -106,7 +106,7 @@ def test_points_do_not_depend_on_how_vertices_are_numbered(k, order, rng):
     turns = -1 if order in ([1, 0, 2], [2, 3, 0, 1]) else 1  # mirrored
     turned = surface.vertices[:, order].copy()
     other = replace(
-        surface, vertices=turned, wholes=turned, orientation=turns * surface.orientation
+        surface, vertices=turned, facet_nodes=turned, orientation=turns * surface.orientation
     )
     again = FacetPoints.choose(other, candidates, x, x, 1.0).points()
     np.testing.assert_allclose(again.shares.area, points.shares.area, rtol=1e-12)

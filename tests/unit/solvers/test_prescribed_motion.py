@@ -146,13 +146,13 @@ def test_forces_of_the_increment_equal_the_residual(comm, rng):
     u[:] = 0.01 * rng.normal(size=u.size)
     travel = boundary_increment(bulk)
     assert not np.any(np.delete(travel.ravel(), bulk.supports.fixed))
-    expected, before, errors = bulk.action(travel, includes_given=True).ravel(), u.copy(), []
+    expected, before, errors = bulk.action(travel, with_prescribed=True).ravel(), u.copy(), []
     for part in (1e-3, 5e-4):
         u[:] = before + part * travel.ravel()
         after = bulk.forces()
         u[:] = before - part * travel.ravel()
         change = (after - bulk.forces()) / (2 * part)
-        change[bulk.given] = 0
+        change[bulk.is_prescribed] = 0
         errors.append(np.linalg.norm(change - expected))
     assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
     u[:] = before

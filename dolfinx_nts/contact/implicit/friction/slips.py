@@ -61,7 +61,7 @@ class Slips:
         is_same = length_of(value - predicted) <= ROUNDING * self._size[node]
         is_same &= pairs.fixed
         self._all[node] = np.where(is_same[:, None], predicted, value)
-        self.present[node] = self.without_none(pairs, self._all[node])
+        self.present[node] = self.without_round_off(pairs, self._all[node])
         none = np.where(pairs.fixed, self.still(node), 0.0)
         left = np.maximum(length_of(self._all[node]) - none, 0.0)
         pairs.excess[:, 1:] = with_length(self._all[node], left)
@@ -74,7 +74,7 @@ class Slips:
         """Predict the slips of the next evaluation from their changes, shape ``(m, 2)`` [m]."""
         self._predicted[pairs.node] = self._all[pairs.node] + change
 
-    def without_none(self, pairs: PairKinematics, slip: Floats) -> Floats:
+    def without_round_off(self, pairs: PairKinematics, slip: Floats) -> Floats:
         """Slips, ``(m, 2)`` [m], with 0 in place of round-off."""
         still: Flags = pairs.fixed & (length_of(slip) <= self.still(pairs.node))
         return np.where(still[:, None], 0.0, slip)

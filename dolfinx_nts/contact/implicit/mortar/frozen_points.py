@@ -81,7 +81,7 @@ class FrozenPoints(LocalSearch):
         part = self._largest_parts(found, x_n, x)
         if self._renewals > 1:
             # Fractions converge sooner if they cannot increase again.
-            part = np.where(self._has_fallen(part), part, self._part)
+            part = np.where(self._must_be_reduced(part), part, self._part)
         self._found, self._part = found, part
         points = self._points(found, part, x)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
@@ -110,7 +110,7 @@ class FrozenPoints(LocalSearch):
         """
         return found.points(part, self.x_n, self._slack, is_stiff=self._is_stiff)
 
-    def _has_fallen(self, part: Floats) -> Flags:
+    def _must_be_reduced(self, part: Floats) -> Flags:
         """Whether the fractions of dual functions have to be reduced, shape ``(n,)``."""
         flags: Flags = part < self._part - _SETTLED_PART
         return flags
@@ -119,8 +119,8 @@ class FrozenPoints(LocalSearch):
         # The points are kept; their gaps are not computed here.
         return self.segment[node], np.zeros(len(node), dtype=bool)
 
-    def reproject(self, x: Floats, node: Ints, held: Flags, converged: bool) -> tuple[int, bool]:
-        near = self._near(node, held)
+    def reproject(self, x: Floats, node: Ints, active: Flags, converged: bool) -> tuple[int, bool]:
+        near = self._near(node, active)
         if not reductions.anywhere(self._comm, self._is_due(x, near, converged)):
             return 0, False
         self._renewals += 1
@@ -132,14 +132,14 @@ class FrozenPoints(LocalSearch):
         may_move = self._renewals < self._most_renewals
         return may_move and self.pairing.num_beyond(x, near) > 0
 
-    def _near(self, node: Ints, held: Flags) -> Ints:
+    def _near(self, node: Ints, active: Flags) -> Ints:
         """Nodes among ``(m,)`` for which the position of points matters. Local.
 
-        They transmit force, flags ``held`` of shape ``(m,)``, or have a small gap.
+        They transmit force, flags ``active`` of shape ``(m,)``, or have a small gap.
         """
         size = self.candidates.size
         size = size.take(self.segment[node], mode="wrap") if len(size) else np.ones(len(node))
-        near: Ints = node[held | (self.gap[node] < self._nearby * size)]
+        near: Ints = node[active | (self.gap[node] < self._nearby * size)]
         return near
 
 
@@ -179,4 +179,4 @@ class SettlingPoints(FrozenPoints):
             return True
         # Before equilibrium the gaps of the points still differ.
         part = self._largest_parts(self._found, x, x) if converged else self._part
-        return bool(self._has_fallen(part)[near].any())
+        return bool(self._must_be_reduced(part)[near].any())

@@ -21,11 +21,11 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["Meeting", "collective", "different", "leave_with_notes", "meet"]
+__all__ = ["PendingCall", "collective", "different", "leave_with_notes", "meet"]
 
 _Class = TypeVar("_Class", bound=type[Any])
 
-# Largest number of values in a meeting. All messages have one length, so that different calls are
+# Largest number of values in a call. All messages have one length, so that different calls are
 # detected.
 _MOST = 3
 # Times [s] after which a waiting rank yields its core between two tests, and after which it sleeps;
@@ -60,12 +60,12 @@ def meet(comm: MPI.Comm, call: str, *numbers: float) -> list[float]:
     """
     if comm.size == 1:
         return list(numbers)
-    meeting = Meeting(comm, call, *numbers)
-    meeting.wait()
-    return meeting.largest()
+    pending = PendingCall(comm, call, *numbers)
+    pending.wait()
+    return pending.largest()
 
 
-class Meeting:
+class PendingCall:
     """Pending check of a collective call. Local.
 
     Arguments as for `meet`.
