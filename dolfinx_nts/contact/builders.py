@@ -134,7 +134,7 @@ def all_pairs(
     common_space([*bodies, *self_contact])
     if others := [body for body in self_contact if body not in bodies]:
         raise ValueError(
-            f"expected self contact of bodies of the scene, given {len(others)} that are not"
+            f"expected bodies of the scene as self_contact, given {len(others)} other bodies"
         )
     if edges and dimension(bodies[0].V) < 3:
         raise ValueError("expected edges=True for bodies in space only, given a mesh of the plane")

@@ -121,7 +121,9 @@ def _checked(pair: ContactPair, within: float) -> float:
             f"moved, given degree {degree}"
         )
     if is_axisymmetric(V.mesh):
-        raise ValueError("expected a mesh that is not axisymmetric to close gaps, given one")
+        raise ValueError(
+            "expected a mesh in space or in the plane to close gaps, given an axisymmetric mesh"
+        )
     height = reductions.least(comm, float(pair.nodes.thickness.min(initial=np.inf)))
     if within > _SHARE * height:
         raise ValueError(

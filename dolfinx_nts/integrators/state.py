@@ -174,7 +174,7 @@ class State(ABC):
             if isinstance(value, fem.Function):
                 if value.function_space != V:
                     raise ValueError(
-                        "expected a Function of the bodies' space, given one of another"
+                        "expected a Function of the bodies' space, given one of another space"
                     )
                 value = nodal(value)[body.nodes].T
             values = real_array(f"a {function.name}", value(X) if callable(value) else value)

@@ -186,7 +186,7 @@ class Stepper(TimeLoop):
             if is_resolved(pair) and not self.scheme.resolves_impact:
                 raise ValueError(
                     "expected EnergyMomentum with impact 'resolved', given "
-                    f"{type(self).__name__}: Penalty() or impact 'plastic' can do this"
+                    f"{type(self).__name__}: use Penalty() or impact 'plastic'"
                 )
             if pair.has_defaults and comm.rank == 0:
                 _logger.info("%s, as none was given: %s", pair.between, pair.describe())

@@ -152,8 +152,8 @@ class TimeLoop(State):
             raise TypeError(f"expected a StepControl() as control, given {kind_of(control)}")
         if end < self.t - ROUND_OFF * self.dt and self._comm.rank == 0:
             _logger.warning(
-                "run(until=%g) has no steps to take, as the time is %g: harmless where a resumed "
-                "run has been there before; otherwise note that until is a time, not a duration",
+                "run(until=%g) has no steps to take, as the time is %g: harmless if a resumed "
+                "run has already reached it; otherwise note that until is a time, not a duration",
                 end,
                 self.t,
             )
@@ -321,7 +321,7 @@ def _extended(error: ConvergenceError, before: str, after: str) -> ConvergenceEr
 def _in_vain(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
     """Error of a run after pseudo-transient continuation has failed as well. Local."""
     return ConvergenceError(
-        f"{final.args[0]}; nor does relaxation with a viscous resistance find another one: "
+        f"{final.args[0]}; relaxation with a viscous resistance has not found another one either: "
         f"{error.reports[-1].reason if error.reports else error.cause}; {IF_IT_MOVES}",
         final.reports,
         final.cause,

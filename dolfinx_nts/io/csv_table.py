@@ -77,7 +77,7 @@ class Table:
         if not np.array_equal(digest, self.digest):
             raise ValueError(
                 f"expected a table {self.path} that begins with the rows which it had at the "
-                "checkpoint, given other rows; put the table back, or start without resume"
+                "checkpoint, given other rows; restore the table, or start without resume"
             )
         self._check(columns, known)
         os.truncate(self.path, self.size)

@@ -144,7 +144,7 @@ def only_one_kind(mesh: Elements, dim: int) -> Elements:
     result = mesh._replace(numbers=numbers, x=np.concatenate(x), blocks=tuple(blocks))
     _logger.warning(
         "DOLFINx has spaces on cells of one kind, without prisms: %s are cut into %d "
-        "%s, which is harmless apart from their number",
+        "%s, which is harmless apart from the larger number of cells",
         ", ".join(f"{count} {KINDS[kind].name}" for kind, count in kinds.items()),
         result.kinds(dim)[_INTO[dim]],
         _NAMES[dim],

@@ -116,10 +116,10 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
     thin = np.sort(joined(comm, ids))
     if len(thin):
         raise ValueError(
-            "expected two layers of nodes below a surface with impact 'resolved', which carry its "
-            f"mass, given fewer at {len(thin)} nodes: {listed(thin)}; mesh the body with more "
-            "cells through its thickness, use displacements of degree 2, fewer of its faces, or "
-            "impact 'elastic'"
+            "expected two layers of nodes below a surface with impact 'resolved', as they carry "
+            f"the mass of the surface, given fewer at {len(thin)} nodes: {listed(thin)}; use more "
+            "cells through the thickness, displacements of degree 2, a smaller surface, or impact "
+            "'elastic'"
         )
     found = [row for row in rows if row is not None]
     counts = np.cumsum([0, *(len(column) for column, _ in found)])

@@ -167,14 +167,14 @@ class Surface(Declaration):
         if sphere.is_hollow or sphere.dim != dimension(self.V) or not sphere.motion.is_rest:
             raise ValueError(
                 f"expected a RigidSphere of {dimension(self.V)} coordinates that is neither hollow "
-                f"nor moving as the shape of {self.name}, given {sphere!r}: its body moves it"
+                f"nor moving as the shape of {self.name}, given {sphere!r}: the body moves it"
             )
         off = float(np.abs(sphere.distance(x.reshape(-1, 3))[0]).max(initial=0.0))
         off = float(reductions.largest(self.V.mesh.comm, off))
         if off > _ON_SPHERE * sphere.radius:
             raise ValueError(
                 f"expected facets of {self.name} with vertices on {sphere!r}, given some that are "
-                f"{off:.3g} m off: choose those of the round part by where= or a tag"
+                f"{off:.3g} m off it: select facets of the round part by where= or a tag"
             )
 
     def __repr__(self) -> str:

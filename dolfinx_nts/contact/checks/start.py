@@ -241,6 +241,6 @@ def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactP
         names = ", ".join(body.name for group in alone for body in group)
         _logger.warning(
             "bodies without a contact pair with another body: %s; harmless if they never meet "
-            "one, which they would pass through; otherwise add pairs, or take all_pairs(bodies)",
+            "one; otherwise they pass through it: add pairs, or use all_pairs(bodies)",
             names,
         )

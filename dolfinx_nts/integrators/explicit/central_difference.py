@@ -158,9 +158,8 @@ class CentralDifference(Stepper):
     ) -> None:
         if self.scheme is not CentralDifference.scheme:
             raise TypeError(
-                f"expected no attribute scheme of {type(self).__name__}, as central differences "
-                "are not changed by it, and explicit schemes of your own are not supported: a "
-                "scheme of your own is one of an ImplicitStepper"
+                f"expected no attribute scheme of {type(self).__name__}, which "
+                "CentralDifference ignores: derive from ImplicitStepper for a scheme of your own"
             )
         pairs = tuple(map(self._with_defaults, instances(ContactPair, pairs)))
         check_scope(bodies, pairs)

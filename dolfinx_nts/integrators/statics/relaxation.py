@@ -158,7 +158,7 @@ class Relaxation:
                 if resistance.is_gone:
                     nothing = "there is no equilibrium near their end"
                     return self._report(report, last.report.reason or nothing)
-        return self._report(report, f"no end in {self._iterations} iterations")
+        return self._report(report, f"no equilibrium after {self._iterations} iterations")
 
     def _same(self, increment: float) -> float:
         """Largest distance of the equilibrium from the last pseudo-step [m]."""

@@ -122,7 +122,7 @@ class InertiaRelief:
         self.begin()
         for body in self.bodies:
             if self._comm.rank == 0:
-                _logger.info("only contact can hold %s", body)
+                _logger.info("only contact can support %s", body)
 
     def begin(self) -> None:
         """Begin a solution, without relief."""

@@ -378,7 +378,7 @@ def test_invalid_surfaces_and_pairs_are_refused(comm, refused):
         nts.boundary_of(bodies[0], where=lambda x: x[2] > 2)
     with refused(ValueError, "facets of the boundary, given none"):
         nts.Surface.where(bodies[0].V, lambda x: x[2] > 2)
-    with refused(ValueError, "self contact of bodies of the scene, given 1 that are not"):
+    with refused(ValueError, "bodies of the scene as self_contact, given 1 other bodies"):
         nts.all_pairs(
             bodies[:2],
             self_contact=bodies[2:],

@@ -98,5 +98,5 @@ def test_a_number_that_no_rank_has_is_refused_on_all(comm, refused):
     known = np.arange(comm.rank * 10, comm.rank * 10 + 5)
     assert looked_up(comm, known[::-1], known, table(known)).tolist() == table(known)[::-1].tolist()
     wanted = np.array([0, 7] if comm.rank == comm.size - 1 else [0])
-    with refused(ValueError, "expected numbers of rows that a rank has, given others"):
+    with refused(ValueError, "expected numbers of rows that exist on a rank, given other numbers"):
         looked_up(comm, wanted, known, table(known))
