@@ -55,8 +55,8 @@ def depth_per_speed(pair: ContactPair, modulus: Floats, density: Floats) -> Floa
     """Compression at which default springs change to the stiff slope, per impact speed. Collective.
 
     Where surfaces meet at a relative speed v, plane waves of both sides of the impedances
-    Z = rho c exert the pressure v/(1/Z_1 + 1/Z_2). Up to one and a half times this pressure springs
-    are soft.
+    Z = rho c exert the pressure v/(1/Z_1 + 1/Z_2). Springs keep their soft slope up to one and a
+    half times this pressure.
 
     Args:
         pair: The pair.
@@ -93,7 +93,7 @@ def _compressions(pair: ContactPair, modulus: Floats) -> tuple[Floats, Floats, f
 
 
 def _mean(pair: ContactPair, area: Floats, values: Floats, deforms: Flags) -> float:
-    """Mean of values at the nodes of the segments where they deform, or 0. Collective."""
+    """Mean of values at the deformable nodes of the segments; 0 without any. Collective."""
     sums = np.array([area[deforms] @ values[deforms], area[deforms].sum()])
     sums = reductions.total(pair.nodes.V.mesh.comm, sums)
     return float(sums[0] / sums[1]) if sums[1] > 0 else 0.0

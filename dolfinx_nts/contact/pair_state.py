@@ -209,7 +209,7 @@ class PairState(Tractions, NodesOfPairs):
             given = pair.friction.eps_T
             self.eps_T = share * (tangential if given is None else np.full_like(normal, given))
             self._ranges["eps_T"] = self._range(self.eps_T)
-        # A repeated first step, of another length, chooses the stiffness again.
+        # A first step that is repeated with another length chooses the stiffness again.
         if pair.nodes.V.mesh.comm.rank == 0 and (text := str(self)) != self._logged:
             self._logged = text
             _logger.info("%s", text)

@@ -30,7 +30,7 @@ _ROUND_OFF = 1e-9
 
 
 def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[ContactPair, ...]:
-    """Leave out facets on planes on which both surfaces of a pair are held. Collective.
+    """Leave out facets on planes of symmetry that both surfaces of a pair share. Collective.
 
     Args:
         pairs: The pairs.
@@ -38,7 +38,8 @@ def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[
 
     Returns:
         The pairs; where both surfaces have facets on one plane with the same outward normal, and
-        all their nodes are held in this direction only, a copy of the pair without them.
+        supports fix all their nodes in this direction only, a copy of the pair without these
+        facets.
     """
     if not pairs or not reductions.total(pairs[0].nodes.V.mesh.comm, len(fixed)):
         return tuple(pairs)
@@ -46,7 +47,7 @@ def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[
     planes_of = cache(lambda surface: _planes(surface, is_fixed))
 
     def rest(surface: Surface, other: Surface) -> Surface:
-        """The surface without the facets on planes of the other one, too; not without all."""
+        """Surface without the facets on planes that both surfaces share, unless none is left."""
         own, (others, _) = planes_of(surface), planes_of(other)
         if not len(others):
             return surface
@@ -79,7 +80,7 @@ def _fixed_components(surface: Surface, fixed: Ints) -> Flags:
 
 
 def _planes(surface: Surface, is_fixed: Flags) -> tuple[Floats, Floats]:
-    """Planes on which the segments of a surface are held in the normal direction. Collective.
+    """Planes on which supports fix the normal displacement of segments of a surface. Collective.
 
     Returns:
         Axis, sign of the normal, and coordinate of the planes of all ranks, ``(p, 3)``; the same

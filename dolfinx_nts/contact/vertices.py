@@ -61,7 +61,8 @@ class VertexState(PairState):
         self, parent: PairState, pair: ContactPair, tolerance: Floats, *, is_reverse: bool = False
     ) -> None:
         self.parent, self.tolerance, self.is_reverse = parent, tolerance, is_reverse
-        # Remaining number of steps without the vertices, and number at the next release.
+        # Remaining number of steps without contact of the vertices, and number of such steps at the
+        # next release.
         self._pauses = 0, 1
         super().__init__(pair, parent.passes)
 
@@ -71,7 +72,7 @@ class VertexState(PairState):
         return self._pauses[0] > 0
 
     def release(self) -> int:
-        """Release the vertices for one step, later for twice as many as the last time. Local.
+        """Release the vertices for one step, and each later time for twice as many. Local.
 
         Returns the number of steps.
         """
@@ -253,7 +254,7 @@ class _Roles:
         )
 
     def exchanged(self, pair: ContactPair) -> list[ContactPair]:
-        """Other pairs that have nodes and segments in exchanged roles. Collective.
+        """Other pairs with nodes and segments in exchanged roles. Collective.
 
         The nodes of such a pair include the nodes of the segments of ``pair``, and its segments the
         nodes of ``pair``.
@@ -284,7 +285,7 @@ def _meet(one: Surface | Obstacle, other: Surface | Obstacle) -> bool:
 
 
 def _ends(nodes: Ints) -> tuple[int, int]:
-    """First and last of sorted node numbers; without nodes, a first one beyond the last."""
+    """First and last of sorted node numbers; an empty range without nodes."""
     return (int(nodes[0]), int(nodes[-1])) if len(nodes) else (_NO_NODE, -1)
 
 

@@ -79,7 +79,7 @@ class CellEnergies:
         self._ones = np.ones(len(W.dofmap.list))
 
     def total(self) -> Floats:
-        """Energy and defect of the cells of this rank, shape ``(2,)`` [J]. Collective at first.
+        """Energy and defect of the cells of this rank, ``(2,)`` [J]. Collective at the first use.
 
         If the last step has computed the global integrals, rank 0 returns them, all other ranks 0.
         """
@@ -253,5 +253,5 @@ class Diagnostics(ContactDiagnostics):
         return motion_sums(self._now().x, p, nodal(self.stepper.v)[: len(p)])
 
     def _momenta(self, motion: Floats) -> tuple[Floats, Floats]:
-        """Components of linear and angular momentum that exist in the space. Local."""
+        """Linear and angular momentum with the components that exist in the space. Local."""
         return self._parts(np.reshape(motion[1:7], (2, 3)))

@@ -62,7 +62,7 @@ class BodyForces:
         self.pairs = [(int(a), int(b)) for a, b in np.argwhere(np.triu(found | found.T, k=1))]
 
     def of_own_nodes(self) -> Floats:
-        """Forces on the first body of each of `pairs`, by the nodes of this rank. Collective.
+        """Forces on the first body of each of `pairs`, from the nodes of this rank. Collective.
 
         Returns:
             Forces, shape ``(p, 3)`` [N], to be summed over all ranks. NaN where edge-to-edge

@@ -24,6 +24,6 @@ def add_surroundings(marker: la.Vector, V: fem.FunctionSpace, layers: int) -> No
 
 
 def _share(marker: la.Vector) -> None:
-    """Exchange the marks between ranks. Collective."""
+    """Mark nodes that are marked on any rank that shares them. Collective."""
     marker.scatter_reverse(la.InsertMode.add)
     marker.scatter_forward()

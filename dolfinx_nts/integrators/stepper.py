@@ -90,7 +90,7 @@ class ScriptValues:
         return [(name, c.value) for name, constants in self._constants for c in constants]
 
     def with_copies(self, load: Load, form: ufl.Form) -> ufl.Form:
-        """Replace the user's values in the form of a load by copies."""
+        """Replace the user's constants and functions in the form of a load by copies."""
         given = [value for value in load.given(form) if not any(value is s for s in self._state)]
         for value in given:
             if value not in self._copies:
@@ -98,12 +98,12 @@ class ScriptValues:
         return ufl.replace(form, {value: self._copies[value] for value in given})
 
     def update(self, end: float) -> None:
-        """Call ``update`` for the end of the step [s], unless `take` calls it."""
+        """Call ``update`` for the time at the end of the step [s], unless `take` does."""
         if self._update is not None and not self._copies:
             self._update(end)
 
     def take(self, t: float, end: float) -> None:
-        """Copy the values for loads at time t, then set the values for the end of the step [s]."""
+        """Copy the values at the time t of the loads, then set those at the end of the step [s]."""
         if not self._copies:
             return
         if self._update is not None:

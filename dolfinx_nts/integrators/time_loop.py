@@ -319,7 +319,7 @@ def _extended(error: ConvergenceError, before: str, after: str) -> ConvergenceEr
 
 
 def _in_vain(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
-    """Error of a run after pseudo-transient continuation has failed as well. Local."""
+    """Error of a run in which pseudo-transient continuation has failed, too. Local."""
     return ConvergenceError(
         f"{final.args[0]}; relaxation with a viscous resistance has not found another one either: "
         f"{error.reports[-1].reason if error.reports else error.cause}; {IF_IT_MOVES}",

@@ -131,5 +131,5 @@ class Table:
         self._hash.update(data)
 
     def _present(self) -> tuple[int, Array]:
-        """Length of all rows so far [bytes], and their digest."""
+        """Length [bytes] and digest of all rows so far."""
         return self._written, np.frombuffer(self._hash.digest(), dtype=np.uint8)

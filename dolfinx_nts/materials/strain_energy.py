@@ -138,7 +138,7 @@ class StrainEnergy(Declaration):
 
     @property
     def _is_stable(self) -> bool:
-        """Whether no small strain has a negative energy; for energies without fields."""
+        """Whether no small strain has a negative energy. Only for energies without fields."""
         least, most = np.linalg.eigvalsh(self.moduli)[[0, -1]]
         return bool(least >= -_ROUND_OFF * max(most, -least))
 

@@ -95,8 +95,8 @@ _PIECES = {kind: _pieces(kind) for kind in _NEIGHBOURS}
 def only_one_kind(mesh: Elements, dim: int) -> Elements:
     """Cut cells that are prisms or of several kinds, and their facets. Local.
 
-    A warning is logged. Pyramids and cells of higher order cannot be cut and are returned
-    unchanged; the caller refuses them.
+    A warning is logged. Pyramids and cells of higher order are returned unchanged, and refused by
+    `bodies_of`.
 
     Args:
         mesh: The elements.

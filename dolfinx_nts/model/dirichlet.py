@@ -95,7 +95,7 @@ class Supports:
 
     @property
     def exist(self) -> bool:
-        """Whether any rank has conditions. Local."""
+        """Whether there are conditions on any rank. Local."""
         return bool(self.conditions)
 
     def constants(self) -> list[tuple[str, Floats]]:
@@ -148,7 +148,7 @@ class Supports:
             du: Displacements of the fixed dofs in the step, shape ``(f,)`` [m].
 
         Returns:
-            The reactions of the given conditions, in their order.
+            The reactions of the conditions in ``bcs``, in their order.
         """
         d, V = self._dim, self._V
         vectors = np.zeros((len(force), 3))

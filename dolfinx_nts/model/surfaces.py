@@ -386,7 +386,7 @@ class Surface(Declaration):
 
 
 def _ratios(values: Floats) -> Floats:
-    """Columns 1, 2, ... divided by column 0, the areas; 0 without area."""
+    """Forces, columns 1, 2, ..., divided by areas, column 0; 0 for zero areas."""
     ratios: Floats = values[:, 1:] / np.where(values[:, :1] > 0, values[:, :1], np.inf)
     return ratios
 

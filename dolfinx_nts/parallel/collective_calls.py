@@ -50,7 +50,7 @@ def meet(comm: MPI.Comm, call: str, *numbers: float) -> list[float]:
     Args:
         comm: Communicator.
         call: Description of the call, with all arguments that must be the same.
-        numbers: At most three numbers of this rank.
+        numbers: At most three numbers, of which the maximum over all ranks is returned.
 
     Returns:
         Maximum of each number over all ranks.
@@ -159,7 +159,7 @@ def leave_with_notes() -> None:
 
 
 def _notified_by(rank: int) -> list[int]:
-    """Ranks notified by an exiting rank: two of them, as one may have exited as well."""
+    """Ranks that an exiting rank notifies: two of them, as one may have exited as well."""
     return [r for r in range(min(MPI.COMM_WORLD.size, 3)) if r != rank][:2]
 
 

@@ -64,7 +64,7 @@ def agreed(comm: MPI.Comm, call: str) -> Iterator[list[str]]:
         if error is not None:
             raise error
         return
-    # A rank that failed does not compare texts.
+    # A failed rank does not take part in the comparison of texts.
     code = zlib.crc32("\n".join(more).encode())
     own = (code, -code) if error is None else (-math.inf, -math.inf)
     pending = PendingCall(comm, call, -float(comm.size if error is None else comm.rank), *own)
@@ -84,7 +84,7 @@ def agreed(comm: MPI.Comm, call: str) -> Iterator[list[str]]:
 
 
 def all_come(comm: MPI.Comm, call: str) -> bool:
-    """Whether all ranks make this call within `_PATIENCE`, after an error on some of them.
+    """Whether all ranks make this call within `_PATIENCE`, even after an error on some ranks.
 
     Args:
         comm: Communicator.

@@ -52,7 +52,7 @@ class Slab(NamedTuple):
         return self.values.dtype
 
     def split(self, number: int, *shape: int) -> "Slab":
-        """Slab in which each row is divided into ``number`` rows of a given shape."""
+        """Slab in which each row is split into ``number`` rows of a given shape."""
         return Slab(self.values.reshape(-1, *shape), number * self.begin, number * self.length)
 
 
@@ -108,8 +108,8 @@ class Slabs:
         Args:
             rows: Rows of this rank in the order of its numbers, shape ``(n, ...)``, of the same
                 type on all ranks.
-            room: Contiguous array whose memory is reused for the slab if it fits. For `Some` rows
-                it must be an earlier slab with the same other rows.
+            room: Contiguous array whose memory is reused for the slab if the shape fits. For `Some`
+                rows it must be an earlier slab with the same other rows.
         """
         n = len(self._order)
         if isinstance(rows, Some):

@@ -60,7 +60,7 @@ class Candidates(ABC):
 
     @property
     def initial_depth(self) -> Floats:
-        """Depth of initially penetrating points in each group of candidates, shape ``(g,)`` [m]."""
+        """Depth up to which initially penetrating points get candidates, by group, ``(g,)`` [m]."""
         return np.zeros(1)
 
     @abstractmethod
@@ -170,7 +170,7 @@ class Candidates(ABC):
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
         """Find intersections of straight paths of points from x_n to x with candidates.
 
-        ``inside`` is the candidate behind which each point starts, or -1, shape ``(m,)``.
+        ``inside`` is the candidate that each point has penetrated at the start, or -1, ``(m,)``.
         """
 
     def adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats] | None:
@@ -182,7 +182,7 @@ class Candidates(ABC):
 
     @abstractmethod
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points are nearest to a free edge of the surface."""
+        """Whether the edge nearest to a point is a free edge of the surface."""
 
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
@@ -218,7 +218,7 @@ def mean_gaps(gap: Floats, start: Array) -> Floats:
 
 
 def too_deep(candidates: Candidates, segment: Ints) -> Floats:
-    """Depth below which points may belong to another side of the body, ``(m,)`` [m]. Local."""
+    """Depth beyond which a point may belong to another side of the body, ``(m,)`` [m]. Local."""
     deepest = float(candidates.initial_depth.max(initial=0.0))
     depth: Floats = np.maximum(_kernels.DEEPEST * candidates.size[segment], deepest)
     return depth

@@ -151,7 +151,7 @@ class GlobalSearch(Search):
     ) -> SegmentCandidates:
         """Create the candidates from segments found within ``reach`` [m] at x. Collective.
 
-        ``others`` are local numbers of additional nodes whose values are needed.
+        ``others`` are local numbers of additional nodes on which the candidates depend.
         """
         return SegmentCandidates(found)
 

@@ -69,7 +69,7 @@ class JointSearch:
         return self.candidates, is_new
 
     def _recall(self) -> bool:
-        """Store the search ranges of all searches; return whether they have changed. Local."""
+        """Store the positions and reach of all searches; return whether any has changed. Local."""
         covered = [search.covered for search in self._searches]
         if len(self._known) == len(covered) and not any(map(is_not, covered, self._known)):
             return False

@@ -160,7 +160,7 @@ class SegmentCandidates(Candidates):
         return Trajectories(*self._kernel.follow(*paths, *points.facing.arguments))
 
     def _own_rows(self, points: ContactPoints) -> Ints:
-        """Vertex of segments that is the same node as each point, or -1, shape ``(p,)``."""
+        """Node of each point as a vertex of segments, or -1, shape ``(p,)``."""
         return np.full(len(points.facing.numbers), -1, dtype=np.int32)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:

@@ -107,8 +107,9 @@ class Bulk:
 
         Args:
             x: Values at the owned nodes, shape ``(n, d)`` [m].
-            with_prescribed: How prescribed dofs count. False: rows and columns are those of the
-                identity. True: x there acts on all other dofs, and the result there is zero.
+            with_prescribed: Whether values of x at prescribed dofs act on other dofs; results at
+                prescribed dofs are then zero. By default rows and columns of prescribed dofs are
+                those of the identity.
 
         Returns:
             Values at the owned nodes, shape ``(n, d)`` [N].
@@ -141,7 +142,7 @@ class Bulk:
         return y.reshape(-1, self._dim)
 
     def _prescribed_flags(self, nodes: Ints) -> Flags:
-        """Flags of the owned dofs of some nodes and of the supports, shape ``(d n,)``. Local."""
+        """Flags of the owned dofs of given nodes and of supports, shape ``(d n,)``. Local."""
         nodal = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
         nodal[nodes] = True
         flags: Flags = nodal.ravel()

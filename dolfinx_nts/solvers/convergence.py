@@ -110,9 +110,9 @@ class _Scales(NamedTuple):
     """Tolerances of a step.
 
     Attributes:
-        increment: Negligible increment [m].
+        increment: Increment that counts as zero [m].
         near: Increment up to which linearised slips are accurate [m].
-        gap: Negligible gap [m].
+        gap: Gap that counts as closed [m].
         rounding: Round-off of the residual [N].
         forces: Norm of the forces known before the step [N].
     """
@@ -211,7 +211,7 @@ class Convergence:
         return Measures(norm, scale, target, changed, failed, num_open > 0, num_prescribed, solves)
 
     def _has_to_be_polished(self, excess: float, x: Floats) -> bool:
-        """Whether a solution needs one more linear system, at most once. Collective.
+        """Whether to refine a solution by one more linear system, at most once. Collective.
 
         Multipliers may be large, so that they do work on tiny remaining gaps.
 
@@ -318,7 +318,7 @@ class Convergence:
 
     @property
     def _is_hopeless(self) -> bool:
-        """Whether prescribed displacements violate constraints for any starting guess."""
+        """Whether prescribed displacements alone have violated constraints in too many iterates."""
         return self._num_infeasible == _INFEASIBLE_ITERATIONS
 
     def report(self, reason: str) -> NewtonReport:

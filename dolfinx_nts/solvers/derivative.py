@@ -17,8 +17,7 @@ from dolfinx_nts.solvers.nodal_sum import NodalSum
 
 __all__ = ["Derivative"]
 
-# Kernels of the reference in double precision: "slow" ones, which compile fast, until "double" ones
-# are available.
+# Kernels in double precision: "slow" ones, which compile fast, until "double" ones are available.
 _EXACT: tuple[Kernels, ...] = ("double", "slow")
 # Number of cells of each material in the measurement of rounding errors.
 _SAMPLE = 512
@@ -34,8 +33,7 @@ class Derivative:
             precision cannot resolve on which side of a jump a point is.
 
     Attributes:
-        rounded: Name of the kernels with the lowest precision that suffices in most Krylov
-            iterations.
+        rounded: Name of the kernels for most Krylov iterations: single precision where possible.
     """
 
     def __init__(self, forms: Sequence[ufl.Form], u: fem.Function, *, jumps: bool = False) -> None:

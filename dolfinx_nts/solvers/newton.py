@@ -180,7 +180,7 @@ class _Iteration:
         # plastic flow.
         may_decide = system.inertia or not system.jumps
         self._may_decide = may_decide and not attempt.begins_sticking
-        self._num_local = 0  # contact evaluations of the nonlinear elimination
+        self._num_local = 0  # number of contact evaluations in the nonlinear elimination
         farthest = _kernels.largest_size(self._x)
         self.convergence = Convergence(
             bulk,
@@ -347,11 +347,11 @@ class _Iteration:
         du: Floats,
         dlambda: list[Floats] | None,
     ) -> tuple[Floats, list[Floats] | None]:
-        """Solution of the linear system with little of the suppressed motions.
+        """Solution of the linear system, corrected to have hardly any of the suppressed motions.
 
-        Bodies that slide far along each other deform. If only the motion is removed from the
-        increment, the rest of it is not in equilibrium. So inertial forces that stop the motions
-        are added, by the least squares of a few solutions.
+        Bodies that slide far along each other deform, so that removing only the rigid motion from
+        the increment would leave forces out of balance. Instead, inertial forces that stop the
+        motions are added, with amplitudes by least squares from a few linear solutions.
         """
         system, relief, comm = self._system, self._system.relief, self._system.bulk.comm
         rest = amplitudes = relief.amplitudes(du)

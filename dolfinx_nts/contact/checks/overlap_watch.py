@@ -54,7 +54,7 @@ class OverlapWatch:
 
     Attributes:
         is_static: Whether there is no inertia, for the remedies.
-        deepest: The deepest overlap so far of each two bodies, by their names.
+        deepest: The deepest overlap so far of each pair of bodies, by their names.
         deepest_at: Times of the deepest overlaps, by the same names [s].
     """
 
@@ -114,7 +114,7 @@ class OverlapWatch:
 
     @cached_property
     def _has_parts(self) -> bool:
-        """Whether two surfaces of a pair belong to one body, whose overlap is a self-overlap."""
+        """Whether both surfaces of a pair belong to one body: overlaps are self-overlaps."""
         return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
 
     @cached_property
@@ -174,7 +174,7 @@ class OverlapWatch:
 
     @property
     def clearance(self) -> float:
-        """Remaining allowed approach of any two bodies until a check is due [m]."""
+        """Remaining approach of two bodies until a check is due [m]."""
         return self._clearance
 
     def travel(self, displacement: float) -> None:
@@ -285,7 +285,7 @@ class OverlapWatch:
             self._warn(f"at t = {t:g} s, ", "is", kind, self._waiting.pop(kind))
 
     def _grown(self, overlap: Overlap) -> Overlap:
-        """Deepest overlap so far with the same inner and outer body, or else the given one."""
+        """Deepest overlap so far of the same two bodies in the same order, including this one."""
         deepest = self.deepest[frozenset(overlap.names)]
         return deepest if deepest.names == overlap.names else overlap
 
@@ -314,7 +314,7 @@ class OverlapWatch:
         return new
 
     def _beneath(self, overlap: Overlap, x: Floats) -> float:
-        """Largest depth of smooth segments below their facets, where no contact is missing [m]."""
+        """Largest depth of smooth segments below their facets, which is no overlap [m]."""
         inner, outer = overlap.names
         depths = [
             depth_beneath_facets(each.nodes, each.segments, x, overlap.depth)

@@ -80,7 +80,7 @@ class AllSprings:
         return [contact.search.displacement_bound(x, moved) for contact in self._contacts]
 
     def fast(self, bounds: Sequence[float]) -> list[tuple[ContactSprings, float]]:
-        """Pairs whose nodes may pass through a surface in a step, with their `bounds`. Local."""
+        """Pairs whose nodes may pass through a surface in a step, with `bounds` of each. Local."""
         both = zip(self.pairs, bounds, strict=True)
         return [
             (springs, bound)

@@ -278,7 +278,7 @@ class ContactSprings:
         segment, gap, springs = self._springs(x, begin_at)
         self.num_lost = self._count_lost(x, seen.current, segment)
         if seen.change(x, segment, gap):
-            # Nodes away from free edges keep all of their new segments.
+            # Nodes away from free edges keep all new segments.
             segment, gap, springs = self._springs(x, begin_at, np.inf)
             seen.keep(segment, gap)
         number, stiffness, shared = seen.number, seen.stiffness, nothing.shared

@@ -332,7 +332,7 @@ class SlipWeakening(FrictionLaw):
 
 
 class Tresca(FrictionLaw):
-    """Another law of friction, capped by a shear stress, such as the yield stress in shear.
+    """A law of friction with an upper bound on the shear stress, such as the yield stress in shear.
 
     Args:
         law: The law that is limited; a number is the coefficient of `Coulomb`.

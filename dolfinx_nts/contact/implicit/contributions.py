@@ -79,8 +79,7 @@ class PairKinematics:
         Args:
             slip: Slips of the pairs. In prescribed directions, round-off is set to 0.
             never_sticks: Flags of pairs on an axis of symmetry, without friction, shape ``(m,)``.
-            still: Lengths of slip that count as zero under constraints, shape ``(m,)`` [m]; None
-                for springs.
+            still: Slip below which a constrained node sticks, shape ``(m,)`` [m]; None for springs.
         """
         self.slip = slip
         self.force[:, 1:] = slip.force
@@ -95,11 +94,11 @@ class PairKinematics:
         self.excess[:, 1:] = slip.value
 
     def fixed_components(self, dim: int) -> Flags | None:
-        """Components in which nodes are fixed, if they are free in others. Local.
+        """Flags of the fixed components of partly fixed nodes. Local.
 
         Returns:
             Flags of the ``dim`` components of displacements, shape ``(m, nodes, dim)``; None if no
-            node of the surface of nodes is fixed so.
+            node of the nodal surface is partly fixed.
         """
         if self._free is None:
             return None
@@ -108,7 +107,7 @@ class PairKinematics:
         return is_fixed if is_fixed[:, 0].any() else None
 
     def remove_slip_across(self, is_fixed: Flags, on_segments: Flags, x: Floats) -> None:
-        """Remove slip across planes of symmetry, on which node and segments are fixed. Local.
+        """Remove slip normal to planes of symmetry that contain node and segments. Local.
 
         Around a node on such a plane the other half of the bodies slips in the opposite direction.
 
@@ -191,8 +190,8 @@ class ContactContribution(NamedTuple):
     Attributes:
         pairs: The pairs and their kinematics.
         active: Whether a pair transmits force, shape ``(m,)``.
-        rank: Number of constraints, shape ``(m,)``: 0 inactive or penalty, 1 normal, all
-            components of the space normal and stick.
+        rank: Number of constraints, shape ``(m,)``: 0 if inactive or with springs, 1 for the normal
+            constraint, the dimension of the space for normal and stick constraints.
         columns: Force per multiplier, shape ``(m, 3, d)``; the normal one includes the friction
             proportional to it.
         slopes: Derivative of multipliers and tractions with respect to gap and slip, for springs

@@ -63,7 +63,7 @@ def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bo
 
 
 class Approach(NamedTuple):
-    """Segments and gaps of the nodes in the ballistic state, without contact forces.
+    """Segments and gaps of the nodes in the ballistic state x_n + h v_n, without contact forces.
 
     Attributes:
         segment: Segment in the ballistic state, or else at t_n, or -1, shape ``(n,)``.
@@ -162,7 +162,7 @@ class LocalSearch:
         self._moves: Ints = np.zeros(len(self.segment), dtype=np.int32)
 
     def _assign_entered(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
-        """Set segment ``met`` and ``gap_trial`` of nodes that would pass through a segment."""
+        """Assign the segment through which a node would pass: set ``met`` and ``gap_trial``."""
         if self._increment <= self.candidates.passage.min(initial=np.inf) / 2:
             return
         node = (~(self.start[1] > 2 * self._increment)).nonzero()[0].astype(np.int32)
@@ -227,7 +227,7 @@ class LocalSearch:
 
     @staticmethod
     def _beyond(pair: ContactPair) -> float:
-        """Length added to the search radius [m]."""
+        """Length added to the search radius, such as that of edges [m]."""
         return 0.0
 
     @property

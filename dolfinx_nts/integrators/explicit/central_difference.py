@@ -240,7 +240,7 @@ class CentralDifference(Stepper):
         self._springs.forget()
 
     def _check_state(self) -> None:
-        # If forces are known, `_move` detects values that are not finite.
+        # If forces are known, `_move` already detects values that are not finite.
         if not self._forces.known:
             super()._check_state()
             _, u, v, *_ = self._drift.arrays

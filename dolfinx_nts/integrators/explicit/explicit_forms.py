@@ -64,7 +64,7 @@ class ExplicitBulk:
 
     Attributes:
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
-        rate: Velocity on which damping acts.
+        rate: Velocity from which damping forces are computed.
         internal: Internal forces.
         loads: Forces of the loads.
         damping: Damping forces; empty without damping.
@@ -161,7 +161,7 @@ class PresentForces:
         self.known = False
 
     def begin(self) -> None:
-        """Start from the last evaluation, at a state that was set."""
+        """Set accelerations and power of a new state from the last evaluation of the forces."""
         total = self._bulk.total
         self._springs.accept()
         np.multiply(self._mobility, total, out=self.acceleration)

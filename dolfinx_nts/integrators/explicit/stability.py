@@ -157,7 +157,7 @@ class Stability:
 
 
 class Cells:
-    """Highest frequency and least length of all cells.
+    """Highest frequency and smallest length of all cells.
 
     The length of a cell is twice the least radius of gyration of its nodes: the edge length for a
     cube of degree 1 (`cpp/nts/geometry/cell_length.h`).

@@ -390,7 +390,7 @@ class ImplicitStepper(Stepper):
     def _checked_report(
         self, steps: Sequence[ContactStep], solution: newton.Solution, problem: StepProblem
     ) -> NewtonReport:
-        """Report of an attempt, with the reason why its solution is rejected, if any."""
+        """Report of an attempt, with the reason if its solution is rejected."""
         report = solution.report
         if not report.converged:
             return report
@@ -441,7 +441,7 @@ class ImplicitStepper(Stepper):
             )
 
     def _forces_at_start(self) -> Floats:
-        """Residual at t with the loads and contact springs at t, on the owned dofs [N]."""
+        """Residual with loads and contact springs at the time t, on the owned dofs [N]."""
         self._load_at(0.0)
         forces: Floats = self._bulk.forces() + self._step_solver.spring_forces(self.x)
         self._load_at(self.scheme.load_point)

@@ -171,7 +171,7 @@ class StepSolver:
         return missed_contact(steps, self.sleeping.states, ends, farthest, repeat)
 
     def spring_forces(self, x: Floats) -> Floats:
-        """Forces of contact springs in a state at rest, with their friction at its start.
+        """Forces of contact springs at the current positions, with the friction of the last step.
 
         Multipliers have no force that follows from the state.
 
@@ -191,7 +191,7 @@ class StepSolver:
         return contact_residual(steps, states, shape)
 
     def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:
-        """Contact of the pairs that may touch, at the start of an attempt."""
+        """Create the `ContactStep` of each pair that may touch in the step."""
         x_n, x_trial = problem.x_n, problem.x_trial
         states: Sequence[PairState | JointState] = self.sleeping.states
         if not self._is_static:

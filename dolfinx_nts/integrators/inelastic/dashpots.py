@@ -144,7 +144,7 @@ class Dashpots(MaterialMemory):
         )
 
     def _numbers(self, branch: Branch) -> tuple[fem.Constant, fem.Constant]:
-        """Share s and relaxation time of a branch as constants."""
+        """Share s and relaxation time of a branch as UFL constants."""
         share, time = (fem.Constant(self._mesh, number) for number in branch)
         return share, time
 

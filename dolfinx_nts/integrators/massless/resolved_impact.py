@@ -262,7 +262,7 @@ class ResolvedImpact(Inertia):
         vibration: Vibration,
         rigid_correction: RigidCorrection,
     ) -> tuple[Floats, Floats, EnergyCorrection]:
-        """Move massless nodes towards equilibrium within the available energy. Collective.
+        """Move massless nodes towards static equilibrium within the available energy. Collective.
 
         Returns:
             Work of stress and damping, and dissipation of friction, both ``(g,)`` [J], and the

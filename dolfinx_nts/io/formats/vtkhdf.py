@@ -163,7 +163,7 @@ class VtkHdfFile:
         return time.monotonic() >= self._due or size >= _MOST
 
     def _add(self, block: Block, start: float) -> None:
-        """Add a block to the index, whose writing began at a time [s]."""
+        """Add a block, whose writing began at the time ``begin`` [s], to the index."""
         self._blocks.append(block)
         self._write_index()
         now = time.monotonic()
@@ -181,7 +181,7 @@ class VtkHdfFile:
         return {step for block in self._blocks for step in block.steps}
 
     def _found(self) -> list[Block]:
-        """Blocks of the states up to the current step; none if states are missing."""
+        """Blocks of states up to the current step; none if states are missing."""
         blocks, last = [], self._stepper.step
         for path in sorted(self._folder.files(_BLOCK)):
             if int(path.name[:9]) > last:
@@ -196,7 +196,7 @@ class VtkHdfFile:
         return blocks
 
     def _rewrite(self, reason: str) -> list[Block]:
-        # Other programs changed the files; the state of the run itself is complete.
+        # Other programs have changed the files of fields; the checkpoint itself is complete.
         moved = self._folder.move_aside()
         _logger.warning("%s; the fields begin at this step, %s", reason, moved)
         return []

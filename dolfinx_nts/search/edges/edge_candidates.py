@@ -163,7 +163,7 @@ class EdgeCandidates(SegmentCandidates):
         return pair
 
     def _kept_candidates(self, x: Floats, candidate: Ints, slack: float) -> "_Found":
-        """Current candidates that may be kept."""
+        """Current candidates whose edges still cross, which may be kept."""
         sense, crossing = self.orientation[candidate], self._crossing(x, candidate // 2)
         if np.isfinite(slack):
             stays = crossing.sine > _CROSSING[1]
@@ -177,7 +177,7 @@ class EdgeCandidates(SegmentCandidates):
         return _Found(candidate, gap, none, gap - _DEEPER * self.size[candidate])
 
     def _met(self, x: Floats, pair: Ints, reach: float) -> "_Found":
-        """Pairs that cross, with the orientation in which their edges face each other."""
+        """Crossing pairs, with the normal orientation for which the edges face each other."""
         reach = max(reach, self._deepest.max())
         pair = self._within(x, pair, reach, OVERHANG)
         crossing = self._crossing(x, pair)

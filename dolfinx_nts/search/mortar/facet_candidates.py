@@ -191,7 +191,7 @@ def distances(xi: Floats, *, is_triangle: bool) -> Floats:
 
 
 def _among(weights: Floats, n: int) -> Floats:
-    """Extend weights of vertices in control points, ``(c, k)``, by zeros for other nodes."""
+    """Extend weights of vertices in control points, ``(c, k)``, by zeros for all other nodes."""
     of_nodes = np.zeros((1, len(weights), n))
     of_nodes[0, :, : weights.shape[1]] = weights
     of_pairs: Floats = weights_of_pairs(of_nodes)[0]
@@ -199,7 +199,7 @@ def _among(weights: Floats, n: int) -> Floats:
 
 
 def rises(weights: Floats, nodes: Ints, facet: Ints, x: Floats) -> Floats:
-    """Displacements from the means of facets to the means of their patches, shape ``(m, 3)`` [m].
+    """Offsets from the mean of each facet to the mean of its patch, shape ``(m, 3)`` [m].
 
     ``weights`` and ``nodes`` are of all facets, ``(s, n)``; ``facet`` selects m of them.
     """

@@ -64,7 +64,7 @@ class MortarFacets:
         return rises(self.of_patches[1], self.facet_nodes, facet, x)
 
     def patched(self, facet: Ints, phi: Floats) -> Floats:
-        """Weights of nodes at points by the functions ``phi`` of facets there, ``(p, m)``."""
+        """Weights of patch nodes at points with shape functions ``phi`` of facets, ``(p, m)``."""
         if self.of_patches is None:
             return phi
         xi, weights = phi @ _CORNERS[phi.shape[1]], self.of_patches[0]
@@ -120,7 +120,7 @@ class Shares:
 
     @classmethod
     def none(cls, nodes: Ints) -> "Shares":
-        """Make shares of nodes without contact points."""
+        """Create the shares of nodes that have no contact points."""
         no_points = np.empty(0, dtype=np.int32), np.empty(0)
         return cls(nodes, np.zeros(len(nodes)), _starts(np.zeros(len(nodes), int)), *no_points)
 
@@ -197,7 +197,7 @@ class MortarPoints:
 
     @property
     def facing(self) -> Facing:
-        """No restriction, as the choice of segments has used the admissible directions."""
+        """No restriction: the choice of segments has already used the admissible directions."""
         return Facing.everywhere(len(self.segment))
 
     def of(self, values: Floats) -> Floats:

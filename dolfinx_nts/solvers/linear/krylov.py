@@ -56,7 +56,7 @@ _MOST_DOUBLINGS = 5
 
 
 class KrylovFailures:
-    """Consecutive failures with new strong factors, and number of systems left to skip."""
+    """Consecutive failures with new strong factors, and number of systems still to be skipped."""
 
     def __init__(self) -> None:
         self._in_a_row = self._left = 0
@@ -396,7 +396,7 @@ class LinearSolver:
         return du
 
     def nodal_resistance(self) -> Floats:
-        """Stiffness or inertia of each owned node, shape ``(n,)`` [N/m]. Collective.
+        """Stiffness or inertia, if larger, of each owned node, shape ``(n,)`` [N/m]. Collective.
 
         The matrix does not contain rigid bodies. Their nodes have the mean stiffness of the others,
         or their inertia if it is larger.
@@ -417,7 +417,7 @@ class LinearSolver:
     ) -> tuple[Floats, list[Floats]]:
         self.num_direct += 1
         du, parts = self._saddle.solve(R, pairs)
-        # Contact pairs without active nodes on any rank have no item.
+        # Contact pairs without active nodes on any rank have no item in the list.
         increments = iter(parts)
         none: Floats = np.empty(0)
         return du, [next(increments) if step.num_active else none for step in steps]

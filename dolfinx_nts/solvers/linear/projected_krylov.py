@@ -106,11 +106,11 @@ class Preconditioner:
 class RigidPreconditioner:
     """Preconditioner with rigid bodies.
 
-    The stiffness of rigid bodies is their inertia only; all other nodes are solved for given
-    motions of them.
+    The stiffness of rigid bodies is their inertia only; the system of all other nodes is solved for
+    given rigid motions.
 
     Args:
-        others: Preconditioner of the other nodes.
+        others: Preconditioner of the nodes of deformable bodies.
         rigid: Motion of the rigid bodies.
         tangent: Matrix of the bulk, in which nodes of rigid bodies are clamped.
     """

@@ -227,8 +227,8 @@ class SaddlePointSystem:
         A.setType("aij")
         A.setUp()
         start, columns, values = rows.scalars()
-        # The compliance does not affect the converged multipliers. Entries include the inertia of
-        # rigid bodies, which nodal stiffnesses do not.
+        # The compliance does not affect the converged multipliers. The largest entry includes the
+        # inertia of rigid bodies, unlike nodal stiffnesses.
         stiffest = float(np.abs(values).max(initial=_NO_STIFFNESS))
         compliance = reductions.least(comm, _COMPLIANCE / stiffest)
         here = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)

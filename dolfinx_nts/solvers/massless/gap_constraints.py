@@ -26,7 +26,7 @@ _SLIDING_PASSES = 4
 
 
 class PairConstraints(NamedTuple):
-    """Constraints of one pair: gaps that stay constant or close, and constant slips.
+    """Constraints of one pair: gaps with a prescribed change, and constant slips.
 
     Attributes:
         scatter: Exchange of nodal values between ranks.
@@ -93,7 +93,7 @@ class GapConstraints:
 
     Args:
         comm: Communicator.
-        constraints: The gaps of each pair.
+        constraints: Gap and slip constraints of each pair.
         nodes: Owned nodes that may move, shape ``(n,)``; nodal vectors refer to them.
         free: 1 in free components, otherwise 0, shape ``(n, d)``.
         stiffness: Stiffness of the nodes, which defines orthogonality, shape ``(n, 1)`` [N/m].
@@ -195,7 +195,7 @@ class GapConstraints:
     ) -> tuple[Floats, Floats]:
         """Solve A x = b by conjugate gradients; the shortest x, and b - A x."""
         s = transposed(b)
-        if self._share_no_nodes:  # A has orthonormal rows or columns.
+        if self._share_no_nodes:  # A has orthonormal rows or columns: no iteration.
             return s, b - times(s)
         r = b.copy()
         x, p, old = np.zeros_like(s), s, self._dot(s, s)

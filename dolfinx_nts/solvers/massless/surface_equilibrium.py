@@ -36,7 +36,7 @@ class SurfaceEquilibrium:
         forces: Conserving forces between u_n and u, without inertia, at the m massless nodes. With
             u_n = u they are static forces.
         u_n: Displacement at the start of a step.
-        share: Derivative of the forces with respect to u, divided by that in statics [-].
+        share: Ratio of the derivative of the forces with respect to u to the static stiffness [-].
         stiffness: Stiffness of these nodes, for the preconditioner, shape ``(m,)`` [N/m].
         resistance: Additional resistance of the nodes, by its derivative at u_n = u, if any.
 

@@ -52,7 +52,7 @@ class ContactComplement:
         # Nodes in the order of their columns. The size of a batch changes the last digit of its
         # columns, so a resumed run must use the same batches.
         self._batches: list[GlobalInts] = []
-        self._version = -1  # of the factors
+        self._version = -1  # version of the factors that gave the columns
         self._columns: list[Floats] = []  # of owned dofs, shape (d n, d k) for k nodes of a batch
         self._flexibility: Floats = np.empty((0, 0))  # shape (d k, d k)
         self._reached: Array = np.empty(0, dtype=np.int64)  # columns of the current contacts

@@ -114,7 +114,7 @@ class SerialSubdomain:
 
         Args:
             contacts: Constraints and tangent of each contact pair.
-            version: Version of the matrix's values, whose rows the factors keep.
+            version: Version of the values of the matrix, of which the subdomain caches rows.
             wide: Whether to include neighbours of neighbours.
         """
         if version != self._version:
@@ -278,7 +278,7 @@ def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
 
 
 def _change(now: ContactBlocks, then: ContactBlocks, slopes_then: Floats) -> float:
-    """Largest change of an entry of the tangent, or its largest entry if nodes differ [N/m].
+    """Largest change of an entry of the tangent; its largest entry if nodes differ [N/m].
 
     ``slopes_then`` is `slopes_at_nodes` of ``then``.
     """

@@ -70,7 +70,7 @@ class OverlappingSubdomain:
         self._gathered.correct(r, z)
 
     def _near(self, contacts: Sequence[ContactBlocks]) -> list[ContactBlocks]:
-        """Contacts of all ranks that include a node to which a row of this rank is coupled."""
+        """Contacts of all ranks with a node that is a column in the rows of this rank."""
         comm = self._rows.index_map.comm
         self._learn(_unique([a for c in contacts for a in (c.nodes, c.tangent_nodes.ravel())]))
         parts = {}
@@ -82,7 +82,7 @@ class OverlappingSubdomain:
         return [ContactBlocks.concatenated(every) for every in zip(*received, strict=True)]
 
     def _learn(self, nodes: GlobalInts) -> None:
-        """Find the ranks with new contact nodes in the columns of their rows."""
+        """Find the ranks whose rows have new contact nodes as columns."""
         comm = self._rows.index_map.comm
         new = np.setdiff1d(nodes, self._known, assume_unique=True)
         if not reductions.anywhere(comm, len(new) > 0):

@@ -134,7 +134,7 @@ class BulkPreconditioner:
 
     @property
     def has_responses(self) -> bool:
-        """Whether `responses` are accurate and affordable: with ILU(1) and complete factors."""
+        """Whether `responses` are accurate and cheap enough: with ILU(1) and complete factors."""
         return _MULTIGRID not in self._kinds and self._kind != _ILU0
 
     def build(self) -> None:

@@ -94,7 +94,7 @@ class Tangent(AddedStiffness):
         return self._stiffness.values
 
     def assemble_nearby(self) -> None:
-        """Assemble the nearby matrix, see ``nearby``, at u. Collective."""
+        """Assemble the definite approximation ``nearby`` of the derivative at u. Collective."""
         if self._nearby is not None:
             self._assemble([self._nearby.compiled], is_exact=False)
         else:
@@ -108,7 +108,7 @@ class Tangent(AddedStiffness):
         self._assemble(self._exact, is_exact=True)
 
     def matrix(self, *, scalar: bool) -> Any:
-        """Copy of `rows` for PETSc. Collective.
+        """PETSc matrix with a copy of the last matrix. Collective.
 
         Args:
             scalar: Whether entries are scalars, which all of PETSc supports, or nodal blocks. A
@@ -163,11 +163,11 @@ class Tangent(AddedStiffness):
 
     @property
     def clamping(self) -> Floats | float:
-        """Clamping stiffness of the nodes given to `clamp`, shape as for `shift`."""
+        """Clamping stiffness of the nodes passed to `clamp`, shape as for `shift`."""
         return self._stiffness.clamping
 
     def forget(self) -> None:
-        """Return to the state before the first matrix. Local."""
+        """Discard the last matrix. Local."""
         self.point = self._stiffness.values = None
 
     def _rigid_motions(self, matrix: Any) -> Any:

@@ -51,7 +51,7 @@ class RigidStates:
             self._fields = RigidFields(self._comm, bodies)
 
     def mark_set(self, body: Body, name: str) -> None:
-        """Mark a body whose state was set, so that `check` includes all its nodes. Local.
+        """Mark a body whose state the user has set, so that `check` includes all its nodes. Local.
 
         ``name`` is ``"displacement"`` or ``"velocity"``.
         """

@@ -92,7 +92,7 @@ def test_a_step_that_was_solved_and_then_cut_leaves_no_trace(comm, agree, monkey
 
 
 @pytest.mark.parametrize("gap_tol", [once(0.01), 0.002])
-def test_no_node_is_caught_further_away_than_asked(comm, folder, agree, gap_tol):
+def test_no_node_becomes_active_beyond_gap_tol(comm, folder, agree, gap_tol):
     stepper = scene(comm).stepper
     held, lengths = [], []
     with nts.Recorder(folder / "run", stepper) as recorder:
@@ -114,7 +114,7 @@ def test_no_node_is_caught_further_away_than_asked(comm, folder, agree, gap_tol)
 
 
 @pytest.mark.serial
-def test_without_it_nodes_are_caught_further_away(comm, agree):
+def test_nodes_become_active_at_larger_gaps_without_gap_tol(comm, agree):
     stepper = scene(comm).stepper
     held = []
     for _ in stepper.run(UNTIL):
@@ -403,7 +403,7 @@ def test_a_limit_point_takes_more_than_one_fast_step(has_loads, text):
 
 
 @pytest.mark.parametrize("part", [16, once(32)])
-def test_a_run_that_crawls_says_why_once(comm, agree, caplog, monkeypatch, part):
+def test_stagnation_of_the_step_size_is_reported_once(comm, agree, caplog, monkeypatch, part):
     """The error of a step that is cut is logged below the level of warnings."""
     stepper = scene(comm).stepper
     whole, advance = stepper.dt, stepper.advance

@@ -182,7 +182,7 @@ def test_the_softer_of_similar_meshes_gives_the_nodes(comm, cells, stiffness, fi
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("stiff", [None, 1e9], ids=["rigid", "stiff"])
 @pytest.mark.parametrize("pad_faces_the_other", [True, False])
-def test_of_bodies_that_share_nodes_those_count_that_face_others(comm, stiff, pad_faces_the_other):
+def test_only_facing_bodies_of_connected_ones_determine_roles(comm, stiff, pad_faces_the_other):
     """A fine block, half of it a soft pad, faces a coarser block by its pad or its core."""
     first, _, _ = row(comm, (4, 3))
     V = first[0].V

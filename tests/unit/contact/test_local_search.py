@@ -68,7 +68,7 @@ def equilibrium(scene, place, held=False):
 
 
 @pytest.mark.parametrize("depth", [0.1, 1e-6])
-def test_node_that_iterates_have_lost_is_not_left_inside(scene, depth):
+def test_node_lost_during_iterations_is_not_left_inside(scene, depth):
     moved, segment = equilibrium(scene, (0.8, -depth))
     assert moved == 1
     assert segment >= 0

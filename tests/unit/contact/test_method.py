@@ -84,7 +84,7 @@ LAWS = {
 
 
 @pytest.mark.parametrize("message", LAWS)
-def test_laws_that_edges_cannot_do_are_refused(boundaries, message):
+def test_unsupported_laws_of_edge_contact_are_refused(boundaries, message):
     with pytest.raises(ValueError, match=f"with method 'edge-to-edge', {message}"):
         nts.ContactPair(*boundaries, LAWS[message], method="edge-to-edge")
 
@@ -168,7 +168,7 @@ def smooth():
 
 
 @pytest.mark.parametrize("message", NOT_SMOOTH)
-def test_laws_that_smooth_segments_cannot_do_are_refused(smooth, message):
+def test_unsupported_laws_of_smooth_segments_are_refused(smooth, message):
     with pytest.raises(ValueError, match=f"with smooth segments, {message}") as caught:
         nts.ContactPair(*smooth[1:], **NOT_SMOOTH[message])
     assert "or use segments without smooth=True" in str(caught.value)

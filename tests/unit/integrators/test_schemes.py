@@ -182,7 +182,7 @@ def test_run_of_whole_steps_makes_no_tiny_last_step(comm):
 
 
 @pytest.mark.serial
-def test_run_to_the_past_does_nothing_and_says_so(comm, caplog):
+def test_run_to_an_earlier_time_warns_and_takes_no_step(comm, caplog):
     scene = one_box(comm, nts.EnergyMomentum)
     scene.stepper.advance()
     assert list(scene.stepper.run(until=0.02)) == []

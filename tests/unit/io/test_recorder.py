@@ -350,7 +350,7 @@ def test_columns_and_fields_of_the_user_that_do_not_fit_are_refused(comm, folder
     for field, reason in (
         ({"gap": lambda s: s.x}, "names that no other field has, given 'gap'"),
         ({"two": lambda s: np.ones(3 * len(s.x))}, "with a row for each owned node, given"),
-        ({"c": constant}, "Lagrange of degree 1, scalar or of three components, given"),
+        ({"c": constant}, "a Lagrange Function of degree 1, scalar or of three components"),
         ({"a b": constant}, "names of own_fields made of letters, digits and _, given 'a b'"),
     ):
         with refused(ValueError, reason):

@@ -173,7 +173,7 @@ def test_mean_gap_of_a_touching_node_stays_as_facets_slide_over_a_rim(k):
 
 
 @shapes
-def test_nodes_beyond_a_rim_are_no_lever(k):
+def test_nodes_beyond_a_free_edge_get_no_excessive_forces(k):
     """A sheet that turns about the rim opens; nodes beyond it hardly count as deep."""
     slope, facet = 0.1, 0.4
     for travel in np.arange(0.0, 0.8, 0.01):

@@ -11,7 +11,7 @@ __all__ = ["CoupledFriction", "CoupledSolution", "NoFriction"]
 
 
 class CoupledSolution(Protocol):
-    """Coupled solution for ``m`` pairs, see `friction_cones.ConeSolution`."""
+    """Solution of the cone problem for ``m`` pairs, see `friction_cones.ConeSolution`."""
 
     @property
     def force(self) -> Floats:
@@ -37,7 +37,7 @@ class CoupledFriction(Protocol):
         """Coefficients of friction of nodes, shape ``(m,)`` [-]."""
 
     def use_all_slips(self, pairs: PairKinematics) -> None:
-        """Use all slips of pairs in constraints, without a threshold."""
+        """Use slips of any size in constraint residuals, without a threshold for round-off."""
 
     def set_states(
         self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
@@ -53,7 +53,7 @@ class CoupledFriction(Protocol):
         """
 
     def predict(self, pairs: PairKinematics, change: Floats) -> None:
-        """Add the change of slips in an iteration, ``(m, 2)`` [m], without round-off."""
+        """Add slip increments of the linear system, ``(m, 2)`` [m], to the slips of the pairs."""
 
 
 class NoFriction:

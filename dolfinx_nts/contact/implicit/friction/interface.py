@@ -60,7 +60,7 @@ class Friction:
         """Release nodes that became inactive; set stick or slip of newly active ones."""
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
-        """Active nodes that stick by tangential multipliers, shape ``(m,)``."""
+        """Flags of active nodes with tangential (stick) constraints, shape ``(m,)``."""
         return np.zeros(len(node), dtype=bool)
 
     def largest(self, node: Ints, p: Floats, slip: Floats) -> Floats:
@@ -102,9 +102,9 @@ class Friction:
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
     ) -> tuple[Floats, Floats]:
-        """Add tractions to forces, ``(m, d)`` [N], and tangents of `PairBlocks`.
+        """Add frictional forces to forces ``(m, d)`` [N] and to tangents of `PairBlocks`.
 
-        Returns columns and slopes of the `ContactContribution` without those of normal springs.
+        Returns columns and slopes of the `ContactContribution`; slopes exclude normal springs.
         """
         return pairs.columns, np.zeros((len(pairs.node), 3, 3))
 

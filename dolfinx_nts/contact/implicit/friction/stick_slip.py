@@ -218,8 +218,8 @@ class StickSlip(Friction):
     ) -> TractionModel:
         """Linearise stick and slip without springs, see `exact_model`.
 
-        At sliding nodes that cannot be eliminated, the traction has the length of the limit, and
-        keeps its direction if there is no slip.
+        At sliding nodes whose displacement cannot be eliminated, the traction has the length of the
+        limit; without slip it keeps its direction.
         """
         c = _SLIP_WEIGHT * self._stiffness[pairs.node]
         if not pairs.fixed.any():

@@ -42,8 +42,8 @@ class FrozenPoints(LocalSearch):
 
     candidates: MortarCandidates
     pairing: MortarPairing
-    # Largest number of renewals of the points in a step [-]. More: steps that fail take longer;
-    # fewer (2): points have slid off their segments in some impacts on corners.
+    # Largest number of times that points are chosen again in a step [-]. More: steps that fail take
+    # longer; fewer (2): points have slid off their segments in some impacts on corners.
     _most_renewals = 6
     # Whether facets opposite kinks of the segments have linear instead of dual functions.
     _has_kinks = True
@@ -95,7 +95,7 @@ class FrozenPoints(LocalSearch):
         self.gap = gap_n.copy()
 
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
-        """Largest fractions of dual functions in the shape functions around nodes, shape ``(n,)``.
+        """Largest fractions of dual functions in the shape functions of nodes, shape ``(n,)``.
 
         In resolved impact they do not depend on gaps: fractions that change between steps reduce
         the order of convergence in time from 2.7 to 0.6.
@@ -128,12 +128,12 @@ class FrozenPoints(LocalSearch):
         return len(node), True
 
     def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:
-        """Whether the points of the nodes of `_near` have moved too far. Local."""
+        """Whether points of the nodes of `_near` must be chosen again after motion. Local."""
         may_move = self._renewals < self._most_renewals
         return may_move and self.pairing.num_beyond(x, near) > 0
 
     def _near(self, node: Ints, active: Flags) -> Ints:
-        """Nodes among ``(m,)`` for which the position of points matters. Local.
+        """Select the nodes for which the position of the points matters. Local.
 
         They transmit force, flags ``active`` of shape ``(m,)``, or have a small gap.
         """

@@ -137,7 +137,7 @@ class MortarPairing(Pairing):
         return outside(self._candidates, points, x, points.segment)
 
     def places(self, x: Floats, node: Ints) -> Floats:
-        """Convective coordinates of the points of nodes on their segments, ``(p, 2)`` [-]."""
+        """Convective coordinates of quadrature points on their segments, ``(p, 2)`` [-]."""
         points = self._of(node)
         xi, *_ = self._candidates.projections(points, x, points.segment)
         return xi

@@ -16,7 +16,7 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["NormalContact", "known_nodes", "start_normal_contact"]
 
-# Largest number of renewals of the excluded nodes in a step [-].
+# Largest number of times in a step that excluded nodes become eligible [-].
 _MOST_CHOICES = 2
 
 
@@ -48,7 +48,7 @@ class NormalContact(ABC):
         # Nodes excluded because of eligible neighbours.
         self._barred: Flags = np.zeros(len(history.active), dtype=bool)
         self._admitted: Flags = np.zeros_like(self._barred)
-        # Excluded nodes that penetrated, and remaining number of renewals.
+        # Excluded nodes that penetrated, and how often nodes may still become eligible in the step.
         self._sunk: Flags = np.zeros_like(self._barred)
         self._choices = _MOST_CHOICES
         # Nodes whose constraints are replaced by those of vertices.

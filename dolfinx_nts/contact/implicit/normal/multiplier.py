@@ -124,8 +124,8 @@ class MultiplierContact(NormalContact):
             return np.where(self._stays[pairs.node], gap_n, 0.0)
         if self._intermediate is None:
             return gap_n
-        # These gaps belong to one motion of a rigid body with many contact points, also relative to
-        # a moving obstacle.
+        # Gaps of a rigid body with many contact points, also to a moving obstacle, must be
+        # compatible with one rigid motion.
         gap = self._search.pairing.gaps(self._intermediate, pairs.node, pairs.segment)
         if self._search.candidates.may_curve:
             flat = gap_n + self._approach(self._intermediate, pairs)

@@ -188,7 +188,7 @@ class PenaltyContact(NormalContact):
         return depth
 
     def _part(self, deforms: Flags) -> Floats:
-        """Fraction of the stiffness of each spring that acts, ``(n,)`` [-]. Collective.
+        """Fraction of the stiffness of each spring that acts at edges, ``(n,)`` [-]. Collective.
 
         It is constant while the spring is loaded. It is 1 with edge contact and between bodies that
         do not deform (flags ``deforms``, ``(n,)``), whose stiffness is not per area.

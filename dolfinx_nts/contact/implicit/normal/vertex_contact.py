@@ -50,11 +50,11 @@ class _Vertices(NormalContact):
 
     @abstractmethod
     def _stay(self, node: Ints) -> Flags:
-        """Whether active vertices may stay active, shape ``(m,)``. Local."""
+        """Flags of active vertices that may stay active, shape ``(m,)``. Local."""
 
     @abstractmethod
     def _lack_force(self, node: Ints, segment: Ints, gap: Floats, x: Floats) -> Flags:
-        """Whether vertices that are too deep lack support by other contact, ``(m,)``. Collective.
+        """Whether no other contact supports vertices that are too deep, ``(m,)``. Collective.
 
         ``segment`` are their segments, ``gap`` their gaps [m], both ``(m,)``, ``x`` positions with
         ghosts, shape ``(l, 3)`` [m].
@@ -115,7 +115,7 @@ class _Vertices(NormalContact):
         return is_above, np.where(away.min(axis=1) <= _kernels.HYSTERESIS, nearest, -1), -gap
 
     def _penetrate_further(self, node: Ints, segment: Ints, gap: Floats) -> Flags:
-        """Whether vertices are deeper than at t_n; separating vertices need no force. Local."""
+        """Whether vertices are deeper than at t_n. Local."""
         candidates, points = self._candidates, self._search.points.take(node)
         before = candidates.gap(points, self._search.x_n, segment)
         flags: Flags = gap < before - TOUCHES * candidates.size[segment]
