@@ -147,7 +147,7 @@ def all_pairs(
     def coarseness(group: Sequence[Body]) -> float:
         own, others = surface(*group), [surface(*each) for each in separate if each is not group]
         lengths, faces = facing_segments(own, *others)
-        # Of bodies that share nodes those count whose facets face others.
+        # Of connected bodies, only those whose facets face other bodies determine the size.
         modulus = float(np.median(joined(comm, moduli[own.segments].max(axis=1))[faces]))
         # Rigid facets provide segments, as their nodes resolve the contact area less well.
         if modulus == np.inf:

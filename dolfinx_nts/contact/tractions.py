@@ -88,7 +88,7 @@ class Tractions(ABC):
         return area
 
     def _on_facets(self, force: Floats, area: Floats) -> Floats:
-        """Forces on the nodes per area, in mortar contact the area of all facets. Collective.
+        """Nodal forces per area; in mortar contact the area of all facets of a node. Collective.
 
         Arguments as for `Surface.per_area`.
         """

@@ -30,7 +30,7 @@ _MAY_CHANGE = re.compile(r"(?<=impact=)\w+|(?<=mu=)[^,)]+")
 
 
 class _Kept(NamedTuple):
-    """Source of a pair's state: number in the checkpoint, from 1, and whether slip is kept."""
+    """Source of the contact state of a pair: number in the checkpoint, and whether slip is kept."""
 
     number: int
     friction: bool
@@ -134,7 +134,7 @@ def _pairs(scene: Mapping[str, str]) -> list[int]:
 
 
 def _kept(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
-    """Pairs of this scene that get a contact state, by their number from 0."""
+    """Pairs of this scene that get a contact state of the checkpoint, by their number from 0."""
     kept = {}
     numbers = {saved[f"pair {n}"]: n for n in _pairs(saved)}
     for i in _pairs(now):

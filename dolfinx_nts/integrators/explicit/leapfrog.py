@@ -176,7 +176,7 @@ class RigidLeapfrog(RigidStates):
             du: Increments [m], overwritten at rigid bodies.
 
         Returns:
-            Reason why the step is refused, or "".
+            Reason for which the step is refused, or "".
         """
         if not self.exists:
             return ""

@@ -289,7 +289,7 @@ class InertiaRelief:
     def _neutral(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], presses: bool
     ) -> Floats:
-        """Unresisted motions as combinations of free ones, ``(free, neutral)``.
+        """Unresisted motions as combinations of the free motions, ``(free, neutral)``.
 
         Sliding nodes resist motions along the surface by friction alone, and not at all if contact
         transmits no force.
