@@ -290,9 +290,9 @@ class PairState(Tractions, NodesOfPairs):
         row, segment, start = shared.entries(np.arange(len(node), dtype=np.int32), segment)
         return row, segment, (1 / np.diff(start))[row]
 
-    def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
+    def _forces_of_reverse_passes(self, of_nodes: ForcesOfNodes) -> Floats:
         """Forces of opposite passes and vertices on the nodes of this pair, see `Tractions`."""
-        total, nodes = super()._by_reverse(of_nodes), self.nodes.nodes
+        total, nodes = super()._forces_of_reverse_passes(of_nodes), self.nodes.nodes
         comm: MPI.Comm = self.nodes.V.mesh.comm
         for each in self.vertices:
             if not each.is_reverse:

@@ -55,7 +55,7 @@ class Tractions(ABC):
 
     @property
     def pressure(self) -> Floats:
-        history, reverse = self.history, self._by_reverse(_normal_forces)
+        history, reverse = self.history, self._forces_of_reverse_passes(_normal_forces)
         area = self._area(_normal_forces(history) + reverse)
         pressure: Floats = self.search.per_area(-history.lambda_N, area)
         return pressure + self._on_facets(np.linalg.norm(reverse, axis=1), area)
@@ -63,18 +63,20 @@ class Tractions(ABC):
     @property
     def traction(self) -> Floats:
         """Whole contact force per reference area of the nodes, ``(n, 3)`` [Pa]. Collective."""
-        force = self.history.force + self._by_reverse(lambda history: history.force)
+        force = self.history.force + self._forces_of_reverse_passes(lambda history: history.force)
         return self._on_facets(force, self._area_of_passes())
 
     @property
     def friction_traction(self) -> Floats:
         """Friction part of the traction, ``(n, 3)`` [Pa]. Collective."""
-        area, reverse = self._area_of_passes(), self._by_reverse(_friction)
+        area, reverse = self._area_of_passes(), self._forces_of_reverse_passes(_friction)
         own = self.search.per_area(_friction(self.history), area)
         return own + self._on_facets(reverse, area)
 
     def _area_of_passes(self) -> Floats:
-        return self._area(_normal_forces(self.history) + self._by_reverse(_normal_forces))
+        return self._area(
+            _normal_forces(self.history) + self._forces_of_reverse_passes(_normal_forces)
+        )
 
     def _area(self, force: Floats) -> Floats:
         if self.pair.method == MORTAR:
@@ -94,7 +96,7 @@ class Tractions(ABC):
         """
         return self.nodes.per_area(force, None if self.pair.method == MORTAR else area)
 
-    def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
+    def _forces_of_reverse_passes(self, of_nodes: ForcesOfNodes) -> Floats:
         """Forces of all opposite passes on the nodes, ``(n, 3)`` [N]. Collective.
 
         ``of_nodes`` returns the forces on the nodes of a pass.

@@ -237,7 +237,7 @@ class Diagnostics(ContactDiagnostics):
         """
         parts = self._motion(), self._energies.total(), self._of_own_nodes()
         sums = self._sum(np.concatenate(parts))
-        of_contact = self._now().contact_sums = self._apart(sums[9:])
+        of_contact = self._now().contact_sums = self._sums_by_pair(sums[9:])
         of_all = of_contact[0].sum(axis=0)
         kinetic, strain, defect = sums[[0, 7, 8]].tolist()
         linear, angular = self._momenta(sums)

@@ -75,7 +75,11 @@ class BodyForces:
         for contact, nodes, (keys, bodies) in zip(
             self._contacts, self._nodes, self._segments, strict=True
         ):
-            history, own, other = contact.history, nodes, self._opposite(contact, keys, bodies)
+            history, own, other = (
+                contact.history,
+                nodes,
+                self._opposite_bodies(contact, keys, bodies),
+            )
             force = history.force
             if reductions.anywhere(self._comm, bool((history.partner >= 0).any())):
                 node, place = (history.partner >= 0).nonzero()
@@ -93,7 +97,7 @@ class BodyForces:
         return forces
 
     @staticmethod
-    def _opposite(contact: PairState, keys: Array, bodies: Array) -> Array:
+    def _opposite_bodies(contact: PairState, keys: Array, bodies: Array) -> Array:
         """Body of the segment of each node, or -1, ``(n,)``; arguments as in `_segments`. Local."""
         key = contact.history.key
         if np.all(bodies == bodies[0]):

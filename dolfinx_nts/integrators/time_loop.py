@@ -199,7 +199,9 @@ class TimeLoop(State):
                         raise
                     self.serialize(snapshot.rewind())
                     if final is not None:
-                        raise (_in_vain(final, error) if statics else final) from None
+                        raise (
+                            _error_after_relaxation(final, error) if statics else final
+                        ) from None
                     hopeless = any(each.is_hopeless for each in error.reports)
                     if hopeless and given is None:
                         raise
@@ -318,7 +320,7 @@ def _extended(error: ConvergenceError, before: str, after: str) -> ConvergenceEr
     return ConvergenceError("; ".join(filter(None, [before, message])), error.reports, cause)
 
 
-def _in_vain(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
+def _error_after_relaxation(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
     """Error of a run in which pseudo-transient continuation has failed, too. Local."""
     return ConvergenceError(
         f"{final.args[0]}; relaxation with a viscous resistance has not found another one either: "

@@ -85,7 +85,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
                 f"expected a checkpoint of this mesh, nodes and cells, given {path}, in which it "
                 f"is {scene['mesh']} instead of {now['mesh']}"
             )
-        kept = _kept(scene, now)
+        kept = _pairs_with_state(scene, now)
         contacts = {i: f"pair_{k.number}" for i, k in kept.items()}
         same_scheme = scene["integrator"] == now["integrator"]
         same_bodies = _bodies(scene) == _bodies(now)
@@ -133,7 +133,7 @@ def _pairs(scene: Mapping[str, str]) -> list[int]:
     return sorted(int(name[5:]) for name in scene if name.startswith("pair "))
 
 
-def _kept(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
+def _pairs_with_state(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
     """Pairs of this scene that get a contact state of the checkpoint, by their number from 0."""
     kept = {}
     numbers = {saved[f"pair {n}"]: n for n in _pairs(saved)}

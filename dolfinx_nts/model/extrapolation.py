@@ -146,7 +146,7 @@ def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours
     return _Neighbours(*(joined(V.mesh.comm, values) for values in own))
 
 
-def _share(marker: la.Vector) -> None:
+def _combine_flags(marker: la.Vector) -> None:
     """Combine the flags of all ranks at shared nodes. Collective."""
     marker.scatter_reverse(la.InsertMode.add)
     marker.scatter_forward()

@@ -17,7 +17,7 @@ from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged, joined, rows_by_rank
 
-__all__ = ["Slab", "Slabs", "Some", "looked_up"]
+__all__ = ["Slab", "Slabs", "Some", "fetch_rows"]
 
 # Number of samples of the numbers of each rank [-], from which slab bounds are computed.
 _SAMPLES = 64
@@ -163,7 +163,7 @@ class Slabs:
             ValueError: A rank requests a number that no rank has.
         """
         places = np.arange(self._begin, self._begin + len(self._numbers))
-        return looked_up(self._comm, ids, self._numbers, places)
+        return fetch_rows(self._comm, ids, self._numbers, places)
 
     def _exchanged(self, rows: Array) -> Array:
         """Rows from all ranks, in the order of the ranks."""
@@ -201,7 +201,7 @@ def _bounds(comm: MPI.Comm, ids: GlobalInts) -> GlobalInts:
     return samples[cuts] if len(samples) else np.zeros(len(cuts), dtype=np.int64)
 
 
-def looked_up(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -> Array:
+def fetch_rows(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -> Array:
     """Fetch numbered rows from the ranks that own them. Collective.
 
     Args:

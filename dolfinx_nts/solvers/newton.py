@@ -326,7 +326,7 @@ class _Iteration:
             rtol = self._reduction(seen)
             du, dlambda = system.linear.solve(R, attempt.steps, states, rtol)
             if len(system.relief.loads) and self.convergence.reduces_little:
-                du, dlambda = self._at_rest(R, states, rtol, du, dlambda)
+                du, dlambda = self._without_suppressed_motions(R, states, rtol, du, dlambda)
         du = attempt.motion.limit(system.relief.restrain(du))
         self._balanced = dlambda is None
         if dlambda is not None:
@@ -339,7 +339,7 @@ class _Iteration:
         longest = max(_LONGEST_INCREMENT * system.sizes.smallest, _ALONG * attempt.motion.length)
         return du, du_norm, longest
 
-    def _at_rest(
+    def _without_suppressed_motions(
         self,
         R: Floats,
         states: tuple[ContactContribution, ...],

@@ -64,16 +64,18 @@ class NonlinearElimination:
             Number of contact evaluations; 0 if the displacement is unchanged.
         """
         bulk = self._bulk
-        if not reductions.anywhere(bulk.comm, any(map(self._are_far, steps, start.states))):
+        if not reductions.anywhere(
+            bulk.comm, any(map(self._are_violations_large, steps, start.states))
+        ):
             return 0
         nodes = self._nodes(steps, start)
         counts = reductions.total(bulk.comm, [np.count_nonzero(nodes[: len(X)]), len(X)])
         if counts[0] > _MOST_NODES * counts[1]:
             return 0
-        with _alone(bulk, nodes):
+        with _others_clamped(bulk, nodes):
             return self._move(nodes, steps, start, X)
 
-    def _are_far(self, step: ContactStep, state: ContactContribution) -> bool:
+    def _are_violations_large(self, step: ContactStep, state: ContactContribution) -> bool:
         """Whether constraint violations on this rank are large. Local."""
         node = step.state.nodes.nodes[state.pairs.node]
         return bool(np.any(state.violations > _FAR * self._sizes.nodal[node]))
@@ -121,7 +123,7 @@ class NonlinearElimination:
 
 
 @contextmanager
-def _alone(bulk: Bulk, nodes: Flags) -> Iterator[None]:
+def _others_clamped(bulk: Bulk, nodes: Flags) -> Iterator[None]:
     """Context in which all local nodes except the flagged ones, ``(l,)``, are clamped. Local."""
     dofmap, topology = bulk.u.function_space.dofmap, bulk.u.function_space.mesh.topology
     num_cells = topology.index_map(topology.dim).size_local

@@ -162,7 +162,7 @@ def check_rigid_facets(
     if not isinstance(obstacle, RigidSurface) or state.pair.method != NODES:
         return
     place = obstacle.motion.frame(t, t, obstacle.dim).at_end
-    numbers, some = inside.one_node_each(surface)
+    numbers, some = inside.boundaries_and_nodes(surface)
     within = joined(comm, numbers[_are_enclosed(obstacle, place(x[some]))])
     if len(within):
         raise ValueError(

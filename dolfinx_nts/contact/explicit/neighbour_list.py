@@ -190,7 +190,7 @@ class NeighbourList:
         points = self._state.facets.points(self._state.search.frame.at_end(x))
         current = candidates.find(self._state.history.key)
         self._choose(candidates, points, listed, current, keys)
-        self._press(self._state.history.active)
+        self._set_pressing(self._state.history.active)
 
     def _serialized_shared(self, archive: Archive, name: str) -> tuple[Ints, GlobalInts]:
         """Serialize nodes with several segments; return them and the keys of their segments."""
@@ -239,10 +239,10 @@ class NeighbourList:
             arriving = state.facets.pressed_parts(x_in_space, normal)
             self.part = np.where(pressed, self.part, arriving)
         self._choose(candidates, points, near, current, keys)
-        self._press(pressed)
+        self._set_pressing(pressed)
         self.is_idle = not reductions.total(self._comm, len(near))
 
-    def _press(self, pressed: Flags) -> None:
+    def _set_pressing(self, pressed: Flags) -> None:
         """Set flags of the nodes that transmitted force in the last state, ``(n,)``."""
         self._pressed = np.where(pressed[self.number], self.current, -1)
 

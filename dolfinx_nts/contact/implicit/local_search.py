@@ -123,7 +123,7 @@ class LocalSearch:
         # Depth [m] down to which nodes keep their segments.
         deepest = _kernels.DEEPEST * state.longest_segment + state.search.initial_depth
         self.reach = _REACH * self._increment + deepest
-        reach = self.reach + self._beyond(state.pair)
+        reach = self.reach + self._additional_reach(state.pair)
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
         self.points = points = state.facets.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
@@ -226,7 +226,7 @@ class LocalSearch:
         return found
 
     @staticmethod
-    def _beyond(pair: ContactPair) -> float:
+    def _additional_reach(pair: ContactPair) -> float:
         """Length added to the search radius, such as that of edges [m]."""
         return 0.0
 

@@ -130,7 +130,7 @@ class OverlapSearch:
         belongs = reductions.anywhere(self._comm, mine[:-1])
         return frozenset(self.names[number] for number in np.flatnonzero(belongs))
 
-    def one_node_each(self, surface: Surface) -> tuple[Ints, Ints]:
+    def boundaries_and_nodes(self, surface: Surface) -> tuple[Ints, Ints]:
         """Boundaries of a surface on this rank, and one node of each, ``(m,)`` each. Local."""
         number, first = np.unique(self._boundary_of[surface.nodes], return_index=True)
         return number.astype(np.int32), surface.nodes[first]

@@ -112,7 +112,7 @@ class ContactCorrections:
         if point is None or not self._bulk.has_responses or len(present) > _MOST_FORCES:
             return None
         turns = point is not tangent.point or point[0]
-        if relief.is_loose or (relief.bodies and turns):
+        if relief.is_unsupported or (relief.bodies and turns):
             return None
         mobility = relief.mobility(tangent.in_addition, tangent.drag)
         return self._complement.condensed(R, pairs, is_point, present, mobility, immobile)

@@ -200,7 +200,7 @@ class InertiaRelief:
         return y
 
     @property
-    def is_loose(self) -> bool:
+    def is_unsupported(self) -> bool:
         """Whether there are free bodies and no contact transmits force. Local.
 
         Inertia then carries the loads, and the active set does not matter.

@@ -82,7 +82,7 @@ def test_some_nodes_are_solved_with_all_others_clamped(comm, rng, agree):
     y = 1e-3 * rng.standard_normal((len(own), 3))
     forces, of_all = bulk.forces().reshape(-1, 3), bulk.action(y)
     expected, num_cells = bulk.action(np.where(own[:, None], y, 0.0)), bulk.num_cells
-    with nonlinear_elimination._alone(bulk, nodes):
+    with nonlinear_elimination._others_clamped(bulk, nodes):
         assert comm.allreduce(bulk.num_cells) < comm.allreduce(num_cells)
         same = bulk.forces().reshape(-1, 3)[own]
         scale = comm.allreduce(np.abs(forces).max(initial=0.0), op=MPI.MAX)

@@ -64,7 +64,7 @@ class FrozenPoints(LocalSearch):
         self._choose(self.approach.x)
 
     @staticmethod
-    def _beyond(pair: ContactPair) -> float:
+    def _additional_reach(pair: ContactPair) -> float:
         # Facets extend beyond their owned nodes, also when they are stretched.
         return 2 * pair.nodes.size
 
