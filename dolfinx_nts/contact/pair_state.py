@@ -163,7 +163,7 @@ class PairState(Tractions, NodesOfPairs):
         pair = self.pair
         softer: Floats = np.ones(len(pair.nodes.nodes))
         normal = softer
-        if _leaves_springs_open(pair):
+        if _needs_default_stiffness(pair):
             softer, in_place = map(self._softer_side, stiffness())
             softer = np.where(np.isinf(softer), in_place, softer)
             normal = stiffer * softer
@@ -351,7 +351,7 @@ def _takes_default(pair: ContactPair) -> bool:
     return isinstance(pair.enforcement, Penalty) and pair.enforcement.eps_N is None
 
 
-def _leaves_springs_open(pair: ContactPair) -> bool:
+def _needs_default_stiffness(pair: ContactPair) -> bool:
     """Whether a pair needs a default stiffness. Local."""
     normal = _takes_default(pair)
     slip = pair.friction is not None and pair.has_slip_spring and pair.friction.eps_T is None

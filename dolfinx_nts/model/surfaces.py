@@ -238,8 +238,8 @@ class Surface(Declaration):
         """
         if not reductions.total(V.mesh.comm, len(facets)):
             raise ValueError(
-                f"expected facets of the boundary, given none: the mesh has {_extent(V)}, and a "
-                "facet is selected if all its vertices are; compare by np.isclose"
+                f"expected facets of the boundary, given none: the mesh has {_extent(V)}; the "
+                "condition must be true at all vertices of a facet: compare by np.isclose"
             )
         ordered = np.sort(facets).astype(np.int32)
         tags = meshtags(V.mesh, V.mesh.topology.dim - 1, ordered, np.ones_like(ordered))

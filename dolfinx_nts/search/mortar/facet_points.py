@@ -100,7 +100,7 @@ class FacetPoints:
             x_n: Positions at t_n, see `Candidates`.
             x: Positions at which segments are projected on facets.
             reach: Search distance of the facets [m].
-            kinks: Whether facets opposite kinks of flat segments have linear functions.
+            kinks: Whether multipliers opposite kinks of flat segments have linear shape functions.
         """
         is_smooth = facets.of_patches is not None or candidates.rise is not None
         *_, thickness = candidates.of_segments

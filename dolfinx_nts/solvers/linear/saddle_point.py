@@ -149,7 +149,7 @@ class SaddlePointSystem:
         """Direction of negative curvature of the energy at an equilibrium. Collective.
 
         Args:
-            pairs: Active pairs, with the gap gradients as force directions.
+            pairs: Active pairs, whose forces act along the gap gradients.
             forces: Random forces on the owned dofs, shape ``(k, d n)`` [N].
             stiffness: Stiffness of the owned dofs, shape ``(d n,)`` [N/m].
 

@@ -18,10 +18,10 @@ __all__ = ["FactorAge"]
 # Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
 # factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
-# Iterations per decade of reduction [-] above which the next stronger factors are cheaper than new
-# ones of the same kind; above which ILU(1) is cheaper than ILU(0), and number of decades over which
-# this is measured; and above which complete factors of the nearby matrix are replaced by factors of
-# the derivative.
+# Iterations per decade of reduction [-] above which stronger factors are cheaper than new factors
+# of the same kind; above which ILU(1) is cheaper than ILU(0), with the number of decades over which
+# they are measured; and above which factors of the derivative replace complete factors of the
+# approximate matrix.
 _SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
 # Courant number above which strong factors are used from the start.
 _MOST_CROSSINGS = 50.0

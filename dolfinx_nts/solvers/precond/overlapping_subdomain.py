@@ -102,7 +102,7 @@ class OverlappingSubdomain:
 
 
 def _touching(contacts: ContactBlocks, nodes: GlobalInts) -> ContactBlocks:
-    """Constraints and blocks whose node lists include some of these nodes."""
+    """Constraints and blocks whose node lists include any of ``nodes``."""
     flags = (np.isin(some, nodes) for some in (contacts.nodes, contacts.tangent_nodes))
     return contacts.take(*contacts.touching(*flags))
 

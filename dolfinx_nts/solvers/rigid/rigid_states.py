@@ -96,6 +96,6 @@ class RigidStates:
         self.restored()
 
     def _greatest(self, body: LinearFields, values: Floats, field: Floats) -> float:
-        """Largest component of nodal values of a body minus a field."""
+        """Largest component of the difference of nodal values of a body and a linear field."""
         rest = values[body.nodes] - body.values @ field
         return reductions.largest(self._comm, _kernels.largest_size(rest))

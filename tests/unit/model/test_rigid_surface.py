@@ -50,7 +50,7 @@ def test_invalid_facets_are_refused():
         nts.RigidSurface([[0, 0, 0]], [[0, 0]], (0, 0, 1))
     with pytest.raises(ValueError, match="indices of points, from 0 to 0, given 0 to 2"):
         nts.RigidSurface([[0, 0, 0]], [[0, 1, 2]], (0, 0, 1))
-    with pytest.raises(ValueError, match="without area, or in one plane with it"):
+    with pytest.raises(ValueError, match="expected facets with an area, in planes"):
         nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], (5, 5, 0))
 
 

@@ -150,7 +150,7 @@ class TiedPoints(FrozenPoints):
     _has_kinks = False
 
     def _choose(self, x: Floats) -> None:
-        # At the reference positions.
+        # Points of ties are chosen at the reference positions.
         X = self.candidates.scatter.forward(reference_positions(self._V))
         self._take(X, X)
 
@@ -165,7 +165,7 @@ class SettlingPoints(FrozenPoints):
     _nearby = 0.1
 
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
-        """Fractions in equilibrium, where the gap before the step has no effect."""
+        """Fractions of dual functions at the equilibrium; statics ignores the gaps at t_n."""
         return found.largest_parts((x,), self._slack)
 
     def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
