@@ -122,13 +122,13 @@ def form_of_kernels(
     functions: Sequence[fem.Function],
     constants: Sequence[fem.Constant],
 ) -> fem.Form:
-    """Form over cells whose kernels are not FFCx's. Collective.
+    """Form over cells with kernels that FFCx has not compiled. Collective.
 
     Args:
-        spaces: Spaces of its arguments.
+        spaces: Function spaces of the arguments of the form.
         kernels: Address of a kernel with FFCx's interface, and owned cells, for each integral.
-        functions: Coefficients of the kernels, in their order.
-        constants: Constants of the kernels, in their order.
+        functions: Coefficients of the form, in the order of the kernels.
+        constants: Constants of the form, in the order of the kernels.
     """
     # Maps of entities became a list in 0.10. Use that when 0.9 is dropped.
     has = np.arange(len(functions), dtype=np.int8)
@@ -153,7 +153,7 @@ def kernel(integral: Any) -> tuple[int, bool]:
 
     Local. The seventh argument is a pointer to data of the user.
     """
-    # It exists since FFCx 0.10. Drop the second value when 0.9 is dropped.
+    # The seventh argument exists since FFCx 0.10. Drop the second value when 0.9 is dropped.
     function = integral.tabulate_tensor_float64
     address = int(_ffi.cast("uintptr_t", function))
     return address, len(_ffi.typeof(function).args) == 7
@@ -240,7 +240,7 @@ _loaded: dict[tuple[str, str], Any] = {}
 def modules_loaded_once() -> Iterator[None]:
     """Context in which FFCx loads a module once in a process. Local.
 
-    Otherwise FFCx lists all files of its cache twice for each form; there may be thousands.
+    Otherwise FFCx lists all files of its cache, which may be thousands, twice for each form.
     """
     # Needed for all releases so far. Drop this when a release makes it unnecessary.
     jit: Any = import_module("ffcx.codegeneration.jit")

@@ -127,7 +127,7 @@ def test_nodes_may_be_below_the_next_facet_in_a_dent_only(comm, slope):
 
 
 @pytest.mark.serial
-def test_number_that_is_none_is_found(comm, monkeypatch):
+def test_nan_in_a_run_is_found(comm, monkeypatch):
     monkeypatch.setattr(CellEnergies, "total", lambda self: np.array([np.nan, 0.0]))
     wrong = run(Case("", "", "", lambda comm: impact(comm, num_steps=2)), comm).wrong
     assert wrong.startswith("not finite: strain_energy")

@@ -23,10 +23,10 @@ class Archive(ABC):
     """Stores named values, or restores them. Collective, as are all its methods.
 
     Attributes:
-        giving: Whether the archive restores.
+        restores: Whether the archive restores.
     """
 
-    giving: bool = False
+    restores: bool = False
 
     @abstractmethod
     def same(self, name: str, value: T) -> T:
@@ -77,7 +77,7 @@ class Snapshot(Archive):
 
     def rewind(self) -> "Snapshot":
         """Restore from now on; return the snapshot itself."""
-        self.giving = True
+        self.restores = True
         return self
 
     def same(self, name: str, value: T) -> T:
@@ -88,13 +88,13 @@ class Snapshot(Archive):
 
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
         """Serialize arrays of this rank without copying them."""
-        if not self.giving:
+        if not self.restores:
             self._values[name] = arrays
         stored: Sequence[Array] | None = self._values.get(name)
         return stored
 
     def _copy(self, name: str, value: T) -> T:
-        if self.giving:
+        if self.restores:
             stored: T = self._values[name]
             return stored.copy() if isinstance(stored, np.ndarray) else stored
         self._values[name] = value.copy() if isinstance(value, np.ndarray) else value

@@ -1,4 +1,4 @@
-"""Users' functions of UFL expressions, whose numbers Python must not take."""
+"""Check that users' functions do not convert UFL constants to Python numbers."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,13 +7,13 @@ __all__ = ["Symbol", "call_with_symbols"]
 
 
 class Symbol:
-    """Mixin of UFL constants that notes whether Python has taken its number.
+    """Mixin of UFL constants that records their conversion to a Python number.
 
-    ``math.sin`` of a UFL expression gives the sine of the present value for ever. With a constant
-    without a value UFL would look for it without end.
+    ``math.sin`` of a constant would give the sine of its present value once and for all. UFL would
+    search endlessly for the value of a constant that has none.
 
     Attributes:
-        was_taken: Whether the number was taken.
+        was_taken: Whether Python has converted the constant to a number.
     """
 
     was_taken = False

@@ -134,7 +134,7 @@ def all_pairs(
     common_space([*bodies, *self_contact])
     if others := [body for body in self_contact if body not in bodies]:
         raise ValueError(
-            f"expected self contact of bodies of the scene, given {len(others)} that are not"
+            f"expected bodies of the scene as self_contact, given {len(others)} other bodies"
         )
     if edges and dimension(bodies[0].V) < 3:
         raise ValueError("expected edges=True for bodies in space only, given a mesh of the plane")
@@ -147,7 +147,7 @@ def all_pairs(
     def coarseness(group: Sequence[Body]) -> float:
         own, others = surface(*group), [surface(*each) for each in separate if each is not group]
         lengths, faces = facing_segments(own, *others)
-        # Of bodies that share nodes those count whose facets face others.
+        # Of connected bodies, only those whose facets face other bodies determine the size.
         modulus = float(np.median(joined(comm, moduli[own.segments].max(axis=1))[faces]))
         # Rigid facets provide segments, as their nodes resolve the contact area less well.
         if modulus == np.inf:

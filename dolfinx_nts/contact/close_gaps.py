@@ -19,8 +19,8 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.collective_calls import meet
 from dolfinx_nts.parallel.errors import agreed
-from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.points import NodalPoints
@@ -121,7 +121,9 @@ def _checked(pair: ContactPair, within: float) -> float:
             f"moved, given degree {degree}"
         )
     if is_axisymmetric(V.mesh):
-        raise ValueError("expected a mesh that is not axisymmetric to close gaps, given one")
+        raise ValueError(
+            "expected a mesh in space or in the plane to close gaps, given an axisymmetric mesh"
+        )
     height = reductions.least(comm, float(pair.nodes.thickness.min(initial=np.inf)))
     if within > _SHARE * height:
         raise ValueError(

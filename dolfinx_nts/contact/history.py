@@ -174,5 +174,5 @@ def unloaded(history: ContactHistory) -> ContactHistory:
 
 
 def reloaded(history: ContactHistory) -> ContactHistory:
-    """Copy in which springs of nodes without a segment are loaded by the current gaps. Local."""
+    """Copy in which penetrating nodes without a segment have loaded springs initially. Local."""
     return replace(history, key=np.where(history.key < 0, NEVER, history.key))

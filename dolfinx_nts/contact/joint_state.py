@@ -136,7 +136,7 @@ def joint_states(states: Sequence[PairState]) -> list[PairState | JointState]:
 
 
 def members(state: PairState | JointState) -> tuple[PairState, ...]:
-    """The pairs of a state. Local."""
+    """States of the single pairs of a state. Local."""
     return state.members if isinstance(state, JointState) else (state,)
 
 
@@ -152,7 +152,7 @@ def _kind(state: PairState) -> Hashable:
 
 
 def _values(law: Declaration | None) -> Hashable:
-    """Class and arguments of a law; the law itself if these cannot be compared."""
+    """Class and arguments of a law; the law itself if its arguments cannot be compared."""
     if law is None:
         return None
     values = [

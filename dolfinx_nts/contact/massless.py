@@ -65,4 +65,4 @@ def _check(pair: ContactPair) -> None:
     elif pair.friction is not None and pair.has_slip_spring:
         wrong = f"friction without springs, given {pair.friction!r}"
     if wrong:
-        raise ValueError(f"expected, with impact 'resolved', {wrong}: impact 'elastic' can do this")
+        raise ValueError(f"expected, with impact 'resolved', {wrong}; or use impact 'elastic'")

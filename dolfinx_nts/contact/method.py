@@ -68,10 +68,10 @@ def check_method(pair: Any) -> None:
     elif pair.method == EDGES and getattr(pair.enforcement, "impact", "") not in _OF_EDGES:
         wrong = f"impact 'elastic', 'plastic' or 'restitution', given {pair.enforcement!r}"
     elif pair.method == EDGES and isinstance(pair.enforcement, Tied):
-        wrong = f"an enforcement by which edges can part, given {pair.enforcement!r}"
+        wrong = f"LagrangeMultiplier or Penalty as enforcement, given {pair.enforcement!r}"
     if wrong:
         raise ValueError(
-            f"expected, with method {pair.method!r}, {wrong}: method 'node-to-segment' can do this"
+            f"expected, with method {pair.method!r}, {wrong}; or use method 'node-to-segment'"
         )
 
 
@@ -84,7 +84,7 @@ def check_tie(pair: Any) -> None:
         return
     wrong = ""
     if not isinstance(pair.segments, Surface):
-        wrong = f"a Surface as segments, given {pair.segments!r}: bcs hold nodes in space"
+        wrong = f"a Surface as segments, given {pair.segments!r}: bcs fix nodes in space"
     elif pair.touches_itself:
         wrong = "two surfaces, given one that touches itself"
     elif pair.friction is not None:
@@ -115,7 +115,7 @@ def check_smooth(pair: Any) -> None:
     is_smooth = any(isinstance(each, Surface) and each.smooth for each in surfaces)
     if is_smooth and (wrong := _wrong_with_smooth(pair)):
         raise ValueError(
-            f"expected, with smooth segments, {wrong}: segments without smooth=True can do this"
+            f"expected, with smooth segments, {wrong}; or use segments without smooth=True"
         )
 
 
@@ -131,9 +131,9 @@ def _wrong_with_smooth(pair: Any) -> str:
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif isinstance(pair.enforcement, Tied):
-        wrong = f"an enforcement by which nodes can part and slide, given {pair.enforcement!r}"
+        wrong = f"LagrangeMultiplier or Penalty as enforcement, given {pair.enforcement!r}"
     elif is_axisymmetric(pair.nodes.V.mesh):
-        wrong = "a mesh that is not axisymmetric, given one"
+        wrong = "a mesh in space or in the plane, given an axisymmetric mesh"
     return wrong
 
 
@@ -164,7 +164,7 @@ def check_dimension(pair: Any) -> None:
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     if wrong:
-        raise ValueError(f"expected, in two dimensions, {wrong}: a mesh in space can do this")
+        raise ValueError(f"expected, in two dimensions, {wrong}; or use a mesh in space")
 
 
 def _check_axisymmetric(pair: Any) -> None:

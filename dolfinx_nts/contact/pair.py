@@ -48,7 +48,7 @@ class AcceptedContact(Protocol):
 
     @property
     def nodes(self) -> Surface:
-        """Surface of the nodes, without facets on seams. Local."""
+        """Surface of the nodes, without facets on seams (see `contact.seams`). Local."""
 
     @property
     def history(self) -> ContactHistory:
@@ -255,12 +255,12 @@ class ContactPair(Declaration):
         return self._at_nodes(state, state.gap(x, reach), np.nan)
 
     def _places(self, state: AcceptedContact) -> Ints | None:
-        """Indices in this pair of the nodes of a state; None if the state has all nodes. Local."""
+        """Indices of the nodes of a state in this pair; None for all nodes. Local."""
         own, nodes = self.nodes.nodes, state.nodes.nodes
         return None if len(own) == len(nodes) else np.searchsorted(own, nodes).astype(np.int32)
 
     def _at_nodes(self, state: AcceptedContact, values: Floats, otherwise: float) -> Floats:
-        """Values of a state at the nodes of this pair, ``(n,)``, with a given value on seams."""
+        """Values of a state at the nodes of this pair, ``(n,)``; a constant at nodes on seams."""
         if (place := self._places(state)) is None:
             return values
         of_all = np.full(len(self.nodes.nodes), otherwise)

@@ -109,21 +109,21 @@ class PairState(Tractions, NodesOfPairs):
         return self._made[1]
 
     @property
-    def may_sink(self) -> bool:
+    def may_penetrate_initially(self) -> bool:
         """Whether nodes may initially penetrate deeply: only between meshed bodies. Local."""
         pair = self.pair
         others = pair.touches_itself or pair.method == EDGES or isinstance(pair.enforcement, Tied)
         return isinstance(self.search, GlobalSearch) and not others
 
-    def sink(self, depth: float) -> None:
+    def set_initial_depth(self, depth: float) -> None:
         """Set the depth up to which initially penetrating nodes get segments [m]. Local."""
         for search in (self.search, self._far_search):
-            if self.may_sink and isinstance(search, GlobalSearch):
-                search.sink(depth)
+            if self.may_penetrate_initially and isinstance(search, GlobalSearch):
+                search.set_initial_depth(depth)
 
-    def rise(self) -> None:
+    def reduce_initial_depth(self) -> None:
         """Reduce the initial depth to the current penetration. Collective."""
-        if not self.search.sunk:
+        if not self.search.initial_depth:
             return
         comm: MPI.Comm = self.pair.nodes.V.mesh.comm
         if not reductions.anywhere(comm, bool(np.any(self.history.key > NEVER))):
@@ -131,7 +131,9 @@ class PairState(Tractions, NodesOfPairs):
         held = -float(np.nan_to_num(self.history.gap).min(initial=0.0))
         held = reductions.largest(comm, held)
         usual = _kernels.DEEPEST * self.pair.segment_size
-        self.sink(min(self.search.sunk, held + usual) if held > usual / 2 else 0.0)
+        self.set_initial_depth(
+            min(self.search.initial_depth, held + usual) if held > usual / 2 else 0.0
+        )
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
         """Accept the contact of a step, or a function that computes it on demand. Local."""
@@ -160,7 +162,7 @@ class PairState(Tractions, NodesOfPairs):
         pair = self.pair
         softer: Floats = np.ones(len(pair.nodes.nodes))
         normal = softer
-        if _leaves_springs_open(pair):
+        if _needs_default_stiffness(pair):
             softer, in_place = map(self._softer_side, stiffness())
             softer = np.where(np.isinf(softer), in_place, softer)
             normal = stiffer * softer
@@ -204,7 +206,7 @@ class PairState(Tractions, NodesOfPairs):
             given = pair.friction.eps_T
             self.eps_T = share * (tangential if given is None else np.full_like(normal, given))
             self._ranges["eps_T"] = self._range(self.eps_T)
-        # A repeated first step, of another length, chooses the stiffness again.
+        # A first step that is repeated with another length chooses the stiffness again.
         if pair.nodes.V.mesh.comm.rank == 0 and (text := str(self)) != self._logged:
             self._logged = text
             _logger.info("%s", text)
@@ -235,14 +237,14 @@ class PairState(Tractions, NodesOfPairs):
             Indices among the nodes of the surface, shape ``(m,)``, depths, ``(m,)`` [m], and unit
             normals of the segments, ``(m, 3)``.
         """
-        before = self.search.sunk
-        self.sink(np.inf)
+        before = self.search.initial_depth
+        self.set_initial_depth(np.inf)
         candidates, segment, gap = self._faced(x, np.inf)
         node = np.flatnonzero(gap < 0).astype(np.int32)
         node = node[gap[node] < -_kernels.DEEPEST * candidates.size[segment[node]]]
         points, there = self.facets.points(x).take(node), candidates.scatter.forward(x)
         gradient = candidates.contact("static", points, there, there, segment[node]).gradient
-        self.sink(before)
+        self.set_initial_depth(before)
         return node, -gap[node], gradient[:, :3]
 
     def _forces_on_segments(self, of_nodes: ForcesOfNodes) -> Floats:
@@ -285,9 +287,9 @@ class PairState(Tractions, NodesOfPairs):
         row, segment, start = shared.entries(np.arange(len(node), dtype=np.int32), segment)
         return row, segment, (1 / np.diff(start))[row]
 
-    def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
+    def _forces_of_reverse_passes(self, of_nodes: ForcesOfNodes) -> Floats:
         """Forces of opposite passes and vertices on the nodes of this pair, see `Tractions`."""
-        total, nodes = super()._by_reverse(of_nodes), self.nodes.nodes
+        total, nodes = super()._forces_of_reverse_passes(of_nodes), self.nodes.nodes
         comm: MPI.Comm = self.nodes.V.mesh.comm
         for each in self.vertices:
             if not each.is_reverse:
@@ -309,7 +311,7 @@ class PairState(Tractions, NodesOfPairs):
             for f in fields(ContactHistory)
         }
         self.accept(ContactHistory(**stored))
-        self.sink(archive.same(f"{name}/sunk", self.search.sunk))
+        self.set_initial_depth(archive.same(f"{name}/sunk", self.search.initial_depth))
         for spring in ("eps_N", "eps_T"):
             value = getattr(self, spring)
             if archive.same(f"{name}/has_{spring}", value is not None):
@@ -319,7 +321,7 @@ class PairState(Tractions, NodesOfPairs):
                 setattr(self, spring, None)
         self.layers = Layers.serialized(archive, f"{name}/layers", self.pair, self.layers)
         chosen = archive.same(f"{name}/springs_are_chosen", self._ranges is not None)
-        if archive.giving:
+        if archive.restores:
             springs = (("eps_N", self.eps_N), ("eps_T", self.eps_T))
             ranges = {name: self._range(values) for name, values in springs if values is not None}
             self._ranges = ranges if chosen else None
@@ -347,7 +349,7 @@ def _takes_default(pair: ContactPair) -> bool:
     return isinstance(pair.enforcement, Penalty) and pair.enforcement.eps_N is None
 
 
-def _leaves_springs_open(pair: ContactPair) -> bool:
+def _needs_default_stiffness(pair: ContactPair) -> bool:
     """Whether a pair needs a default stiffness. Local."""
     normal = _takes_default(pair)
     slip = pair.friction is not None and pair.has_slip_spring and pair.friction.eps_T is None

@@ -1,4 +1,4 @@
-"""Seams: facets of a surface that lie on another body fastened to theirs.
+"""Seams: facets of a surface that are covered by another body, which is fastened to their body.
 
 Nothing can touch such facets. A node that slides over the seam with a small penetration would get
 them as segments.
@@ -58,7 +58,7 @@ def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple
         together[number[bodies[i]], number[bodies[j]]] = True
 
     def rest(surface: Surface) -> Surface:
-        """The surface without its seams; unchanged if no facet or every facet is on a seam."""
+        """Surface without facets on seams; unchanged if none or all facets are on seams."""
         facets, cells, points = _in_front(surface)
         covered: Flags = np.zeros(len(facets), dtype=bool)
         for group in range(len(groups)):

@@ -69,8 +69,8 @@ def _quotient(
     """Multipliers and slopes as in `spring_force`, for springs of one stiffness. Local."""
     below_n, below = np.minimum(gap_n, 0.0), np.minimum(gap, 0.0)
     both = (gap_n < 0) & (gap < 0)
-    # If the spring is loaded at both ends, the quotient is its mean force. It is evaluated only
-    # if one end is open, so that it is never 0/0.
+    # If the spring is loaded at both ends of the step, the quotient equals its mean force. The
+    # quotient is evaluated only if the gap is open at one end, so that it is never 0/0.
     rise = np.where(both | (gap == gap_n), 1.0, gap - gap_n)
     quotient = 0.5 * eps_N * (below**2 - below_n**2) / rise
     slope = (eps_N * below - quotient) / rise

@@ -30,7 +30,7 @@ _ROUND_OFF = 1e-9
 
 
 def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[ContactPair, ...]:
-    """Leave out facets on planes on which both surfaces of a pair are held. Collective.
+    """Leave out facets on planes of symmetry that both surfaces of a pair share. Collective.
 
     Args:
         pairs: The pairs.
@@ -38,15 +38,16 @@ def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[
 
     Returns:
         The pairs; where both surfaces have facets on one plane with the same outward normal, and
-        all their nodes are held in this direction only, a copy of the pair without them.
+        supports fix all their nodes in this direction only, a copy of the pair without these
+        facets.
     """
     if not pairs or not reductions.total(pairs[0].nodes.V.mesh.comm, len(fixed)):
         return tuple(pairs)
-    held = _held(pairs[0].nodes, fixed)
-    planes_of = cache(lambda surface: _planes(surface, held))
+    is_fixed = _fixed_components(pairs[0].nodes, fixed)
+    planes_of = cache(lambda surface: _planes(surface, is_fixed))
 
     def rest(surface: Surface, other: Surface) -> Surface:
-        """The surface without the facets on planes of the other one, too; not without all."""
+        """Surface without the facets on planes that both surfaces share, unless none is left."""
         own, (others, _) = planes_of(surface), planes_of(other)
         if not len(others):
             return surface
@@ -68,18 +69,18 @@ def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[
     return tuple(map(between, pairs))
 
 
-def _held(surface: Surface, fixed: Ints) -> Flags:
+def _fixed_components(surface: Surface, fixed: Ints) -> Flags:
     """Whether the components of the displacement of all local nodes are prescribed, ``(l, d)``."""
     V = surface.V
     vector = la.vector(V.dofmap.index_map, dimension(V))
     vector.array[fixed] = 1.0
     vector.scatter_forward()
-    held: Flags = vector.array.reshape(-1, dimension(V)) > 0
-    return held
+    is_fixed: Flags = vector.array.reshape(-1, dimension(V)) > 0
+    return is_fixed
 
 
-def _planes(surface: Surface, held: Flags) -> tuple[Floats, Floats]:
-    """Planes on which the segments of a surface are held in the normal direction. Collective.
+def _planes(surface: Surface, is_fixed: Flags) -> tuple[Floats, Floats]:
+    """Planes on which supports fix the normal displacement of segments of a surface. Collective.
 
     Returns:
         Axis, sign of the normal, and coordinate of the planes of all ranks, ``(p, 3)``; the same
@@ -93,10 +94,10 @@ def _planes(surface: Surface, held: Flags) -> tuple[Floats, Floats]:
     every = np.arange(len(segments))
     along = normal[every, axis]
     at = x[every, :, axis]
-    is_held = held[segments]
+    are_fixed = is_fixed[segments]
     is_plane = np.abs(along) >= (1 - _ROUND_OFF) * length
     is_plane &= np.ptp(at, axis=1) <= _ROUND_OFF * surface.size
-    is_plane &= is_held[every, :, axis].all(axis=1) & ~is_held.all(axis=(1, 2))
+    is_plane &= are_fixed[every, :, axis].all(axis=1) & ~are_fixed.all(axis=(1, 2))
     planes = np.column_stack([axis, np.sign(along), at.mean(axis=1)])
     planes[~is_plane] = np.nan
     found = np.unique(joined(surface.V.mesh.comm, planes[is_plane]), axis=0)

@@ -57,7 +57,7 @@ class Tractions(ABC):
 
     @property
     def pressure(self) -> Floats:
-        reverse = self._by_reverse(_normal_forces)
+        reverse = self._forces_of_reverse_passes(_normal_forces)
         force = np.linalg.norm(reverse, axis=1) - self.history.lambda_N
         return self._per_facing_area(force, reverse)
 
@@ -67,17 +67,19 @@ class Tractions(ABC):
 
         In mortar contact all facets around the nodes count, otherwise those that face the contact.
         """
-        force = self.history.force + self._by_reverse(lambda history: history.force)
+        force = self.history.force + self._forces_of_reverse_passes(lambda history: history.force)
         if self.pair.method == MORTAR:
             return self.nodes.per_area(force)
-        part = self._facing_parts(_normal_forces(self.history) + self._by_reverse(_normal_forces))
+        part = self._facing_parts(
+            _normal_forces(self.history) + self._forces_of_reverse_passes(_normal_forces)
+        )
         return self.nodes.per_area(force, part * self.nodes.area)
 
     @property
     def friction_traction(self) -> Floats:
         """Friction per area of the pressure, ``(n, 3)`` [Pa]. Collective."""
-        force = _friction(self.history) + self._by_reverse(_friction)
-        return self._per_facing_area(force, self._by_reverse(_normal_forces))
+        force = _friction(self.history) + self._forces_of_reverse_passes(_friction)
+        return self._per_facing_area(force, self._forces_of_reverse_passes(_normal_forces))
 
     def _per_facing_area(self, force: Floats, reverse: Floats) -> Floats:
         """Forces on the nodes per facing area; `reverse` are normal forces, ``(n, 3)`` [N]."""
@@ -93,7 +95,7 @@ class Tractions(ABC):
         normal = np.where(presses[:, None], _kernels.unit_vectors(force), self.history.normal)
         return self.facets.facing_parts(x, normal, presses)
 
-    def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
+    def _forces_of_reverse_passes(self, of_nodes: ForcesOfNodes) -> Floats:
         """Forces of all opposite passes on the nodes, ``(n, 3)`` [N]. Collective.
 
         ``of_nodes`` returns the forces on the nodes of a pass.

@@ -47,23 +47,24 @@ class VertexState(PairState):
     """Contact of vertices with faces, or of edges, beyond that of a pair, see `add_vertices`.
 
     Args:
-        given: State of the pair given by the user.
+        parent: State of the pair given by the user.
         pair: Vertices on convex edges and corners of one side and the other side, or, with method
             ``"edge-to-edge"``, both sides.
         tolerance: Depth at which each node of ``pair`` is activated, shape ``(n,)`` [m].
         is_reverse: See `PairState`.
 
     Attributes:
-        given, tolerance, is_reverse: The arguments.
+        parent, tolerance, is_reverse: The arguments.
     """
 
     def __init__(
-        self, given: PairState, pair: ContactPair, tolerance: Floats, *, is_reverse: bool = False
+        self, parent: PairState, pair: ContactPair, tolerance: Floats, *, is_reverse: bool = False
     ) -> None:
-        self.given, self.tolerance, self.is_reverse = given, tolerance, is_reverse
-        # Remaining number of steps without the vertices, and number at the next release.
+        self.parent, self.tolerance, self.is_reverse = parent, tolerance, is_reverse
+        # Remaining number of steps without contact of the vertices, and number of such steps at the
+        # next release.
         self._pauses = 0, 1
-        super().__init__(pair, given.passes)
+        super().__init__(pair, parent.passes)
 
     @property
     def is_released(self) -> bool:
@@ -71,7 +72,7 @@ class VertexState(PairState):
         return self._pauses[0] > 0
 
     def release(self) -> int:
-        """Release the vertices for one step, later for twice as many as the last time. Local.
+        """Release the vertices for one step, and each later time for twice as many. Local.
 
         Returns the number of steps.
         """
@@ -123,7 +124,7 @@ def release_vertices(steps: Iterable[tuple[PairState | JointState, Flags]]) -> l
             if reductions.anywhere(each.nodes.V.mesh.comm, holds):
                 number = each.release()
                 when = "in this step" if number == 1 else f"in {number} steps from this one on"
-                found.append(f"{each.given.pair.between} {when}")
+                found.append(f"{each.parent.pair.between} {when}")
     return found
 
 
@@ -253,7 +254,7 @@ class _Roles:
         )
 
     def exchanged(self, pair: ContactPair) -> list[ContactPair]:
-        """Other pairs that have nodes and segments in exchanged roles. Collective.
+        """Other pairs with nodes and segments in exchanged roles. Collective.
 
         The nodes of such a pair include the nodes of the segments of ``pair``, and its segments the
         nodes of ``pair``.
@@ -284,7 +285,7 @@ def _meet(one: Surface | Obstacle, other: Surface | Obstacle) -> bool:
 
 
 def _ends(nodes: Ints) -> tuple[int, int]:
-    """First and last of sorted node numbers; without nodes, a first one beyond the last."""
+    """First and last of sorted node numbers; an empty range without nodes."""
     return (int(nodes[0]), int(nodes[-1])) if len(nodes) else (_NO_NODE, -1)
 
 

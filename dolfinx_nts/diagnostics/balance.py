@@ -35,7 +35,7 @@ from dolfinx_nts.fem.components import (
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body, bulk_form
-from dolfinx_nts.parallel.meeting import collective, meet
+from dolfinx_nts.parallel.collective_calls import collective, meet
 
 __all__ = ["Balance", "CellEnergies", "Diagnostics"]
 
@@ -79,7 +79,7 @@ class CellEnergies:
         self._ones = np.ones(len(W.dofmap.list))
 
     def total(self) -> Floats:
-        """Energy and defect of the cells of this rank, shape ``(2,)`` [J]. Collective at first.
+        """Energy and defect of the cells of this rank, ``(2,)`` [J]. Collective at the first use.
 
         If the last step has computed the global integrals, rank 0 returns them, all other ranks 0.
         """
@@ -237,7 +237,7 @@ class Diagnostics(ContactDiagnostics):
         """
         parts = self._motion(), self._energies.total(), self._of_own_nodes()
         sums = self._sum(np.concatenate(parts))
-        of_contact = self._now().contact_sums = self._apart(sums[9:])
+        of_contact = self._now().contact_sums = self._sums_by_pair(sums[9:])
         of_all = of_contact[0].sum(axis=0)
         kinetic, strain, defect = sums[[0, 7, 8]].tolist()
         linear, angular = self._momenta(sums)
@@ -253,5 +253,5 @@ class Diagnostics(ContactDiagnostics):
         return motion_sums(self._now().x, p, nodal(self.stepper.v)[: len(p)])
 
     def _momenta(self, motion: Floats) -> tuple[Floats, Floats]:
-        """Components of linear and angular momentum that exist in the space. Local."""
+        """Linear and angular momentum with the components that exist in the space. Local."""
         return self._parts(np.reshape(motion[1:7], (2, 3)))

@@ -62,7 +62,7 @@ class BodyForces:
         self.pairs = [(int(a), int(b)) for a, b in np.argwhere(np.triu(found | found.T, k=1))]
 
     def of_own_nodes(self) -> Floats:
-        """Forces on the first body of each of `pairs`, by the nodes of this rank. Collective.
+        """Forces on the first body of each of `pairs`, from the nodes of this rank. Collective.
 
         Returns:
             Forces, shape ``(p, 3)`` [N], to be summed over all ranks. NaN where edge-to-edge
@@ -75,7 +75,11 @@ class BodyForces:
         for contact, nodes, (keys, bodies) in zip(
             self._contacts, self._nodes, self._segments, strict=True
         ):
-            history, own, other = contact.history, nodes, self._opposite(contact, keys, bodies)
+            history, own, other = (
+                contact.history,
+                nodes,
+                self._opposite_bodies(contact, keys, bodies),
+            )
             force = history.force
             if reductions.anywhere(self._comm, bool((history.partner >= 0).any())):
                 node, place = (history.partner >= 0).nonzero()
@@ -93,7 +97,7 @@ class BodyForces:
         return forces
 
     @staticmethod
-    def _opposite(contact: PairState, keys: Array, bodies: Array) -> Array:
+    def _opposite_bodies(contact: PairState, keys: Array, bodies: Array) -> Array:
         """Body of the segment of each node, or -1, ``(n,)``; arguments as in `_segments`. Local."""
         key = contact.history.key
         if np.all(bodies == bodies[0]):

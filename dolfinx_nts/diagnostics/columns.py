@@ -104,7 +104,7 @@ class RunColumns:
                 columns |= flat("", {name: value})
                 if taken := columns.keys() & row:
                     raise ValueError(
-                        f"expected names that are not taken by columns, given {min(taken)!r}"
+                        f"expected names that no other column has, given {min(taken)!r}"
                     )
         return columns
 

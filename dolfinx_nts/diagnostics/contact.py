@@ -19,7 +19,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.meeting import collective
+from dolfinx_nts.parallel.collective_calls import collective
 from dolfinx_nts.search.overlap.overlaps import Overlap
 
 __all__ = ["ContactDiagnostics", "ObstacleBalance", "PairBalance"]
@@ -204,11 +204,11 @@ class ContactDiagnostics:
         """
         now, pairs, least = self._now(), self.stepper.contacts, np.inf
         if now.has_gaps:
-            least = min(map(_least, now.gaps()), default=np.inf)
+            least = min(map(_smallest_gap, now.gaps()), default=np.inf)
             least = reductions.least(self._comm, least)
             return least if least < np.inf else np.nan
         if (known := self.stepper.known_gaps()) is not None:
-            least = reductions.least(self._comm, min(map(_least, known), default=np.inf))
+            least = reductions.least(self._comm, min(map(_smallest_gap, known), default=np.inf))
             if least < 0:  # all other gaps are >= 0
                 return float(least)
             least = np.inf
@@ -223,7 +223,7 @@ class ContactDiagnostics:
             reach = limit if nearest[i] < 0 else min(nearest[i] + size, limit)
             while nearest[i] <= limit:
                 gap = pair.gap(x, reach)
-                own = reductions.least(self._comm, _least(gap))
+                own = reductions.least(self._comm, _smallest_gap(gap))
                 enough = min(own + size, limit)
                 if reach >= enough:
                     least = min(least, own)
@@ -275,16 +275,16 @@ class ContactDiagnostics:
         """Sums over all nodes, see `Present.contact_sums`."""
         now = self._now()
         if now.contact_sums is None:
-            now.contact_sums = self._apart(self._sum(self._of_own_nodes()))
+            now.contact_sums = self._sums_by_pair(self._sum(self._of_own_nodes()))
         return now.contact_sums
 
-    def _apart(self, sums: Floats) -> tuple[Floats, Floats]:
+    def _sums_by_pair(self, sums: Floats) -> tuple[Floats, Floats]:
         """Sums of the pairs, shape ``(p, 9)``, and forces between bodies, ``(b, 3)`` [N]."""
         size = 9 * len(self.stepper.contacts)
         return sums[:size].reshape(-1, 9), sums[size:].reshape(-1, 3)
 
     def _of_own_nodes(self) -> Floats:
-        """Sums over the nodes of this rank, see `_apart`. Collective."""
+        """Sums over the nodes of this rank, see `_sums_by_pair`. Collective."""
         stepper, x = self.stepper, self._now().x
         if stepper.scheme.contact != "static":
             x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
@@ -307,6 +307,6 @@ class ContactDiagnostics:
         return reductions.total(self._comm, values)
 
 
-def _least(gap: Floats) -> float:
+def _smallest_gap(gap: Floats) -> float:
     """Smallest gap of this rank's nodes [m], infinite if there is none."""
     return float(np.fmin.reduce(gap, initial=np.inf))

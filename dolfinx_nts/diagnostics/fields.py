@@ -17,7 +17,7 @@ from dolfinx_nts.fem.components import nodal
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.cell_stress import CellStress, StressState
-from dolfinx_nts.parallel.meeting import collective, meet
+from dolfinx_nts.parallel.collective_calls import collective, meet
 
 __all__ = ["Fields"]
 

@@ -77,8 +77,8 @@ def nodal_values(V: fem.FunctionSpace, function: Any) -> Floats:
         raise ValueError("expected a Function on the mesh of the bodies, given one of another mesh")
     if kinds[0] != kinds[1] or shape not in ((), (dim,)):
         raise ValueError(
-            "expected a Function with values at the nodes of the bodies, Lagrange of degree "
-            f"{own.degree}, scalar or of {_NUMBERS[dim]} components, given one of {element}"
+            f"expected a Lagrange Function of degree {own.degree}, scalar or of {_NUMBERS[dim]} "
+            f"components, as at the nodes of the bodies, given one of {element}"
         )
     if W == V:
         order: Ints = np.arange(V.dofmap.index_map.size_local, dtype=np.int32)

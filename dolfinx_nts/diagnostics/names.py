@@ -34,7 +34,7 @@ _MOMENTS, _TURNING = ("moment", "angular_momentum", "torque"), {0: "", 1: "z", 3
 
 
 class ByName(dict[str, Value]):
-    """Values by column name, which are also found by the name that the user has given. Local.
+    """Values by column name, with access also by the name that the user has chosen. Local.
 
     Args:
         kind: Kind of the objects, see `part_names`.
@@ -75,7 +75,7 @@ def part_names(kind: str, names: Iterable[str]) -> list[str]:
 
 
 def pair_names(pairs: Iterable[ContactPair]) -> list[str]:
-    """Names of contact pairs; those of the two sides for pairs without a name. Local."""
+    """Names of contact pairs; the names of both sides for pairs without a name. Local."""
     names = (pair.name or pair.between for pair in pairs)
     return part_names("pair", (name.replace(" and ", ", ") for name in names))
 

@@ -17,7 +17,7 @@ from ufl.domain import extract_unique_domain
 from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.meeting import meet
+from dolfinx_nts.parallel.collective_calls import meet
 
 __all__ = [
     "axis_nodes",

@@ -19,7 +19,7 @@ from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.meeting import meet
+from dolfinx_nts.parallel.collective_calls import meet
 
 __all__ = ["Element", "check_space", "check_tag"]
 

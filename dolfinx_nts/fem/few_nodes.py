@@ -35,7 +35,7 @@ class _Sums:
         self._outer: Ints = np.concatenate([compat.shared(index_map), ghosts])
 
     def at(self, nodes: Ints, values: Floats, wanted: Ints | None) -> tuple[Ints, Floats]:
-        """Sums at the wanted nodes; None for all nodes with sums that may differ from zero."""
+        """Sums at the wanted nodes; None for all nodes at which sums may differ from zero."""
         np.add.at(self._values, nodes, values)
         self._vector.scatter_reverse(la.InsertMode.add)
         self._vector.scatter_forward()

@@ -76,7 +76,7 @@ def _is_complete(source: Path) -> bool:
 
 @contextmanager
 def _locked(source: Path) -> Iterator[None]:
-    """Context with the lock of a C file, for which it waits.
+    """Context that waits for the lock of a C file and holds it.
 
     Raises:
         OSError: The file system has no locks.

@@ -72,8 +72,7 @@ def _compiled(options: dict[str, Any], form: ufl.Form) -> fem.Form:
 _FAST = _options(*OPTIMISED, *_UNROLLED)
 compile_form = partial(_compiled, _FAST)
 compile_bilinear_form = partial(_compiled, _options(*OPTIMISED, *SOON))
-# Compiled without optimisation: forms that are assembled once, and forms of which only metadata are
-# used.
+# Without optimisation, for forms that are assembled once or of which only metadata are used.
 compile_quickly = partial(_compiled, _options("-O0"))
 
 

@@ -131,7 +131,7 @@ class CellForm:
         return loop
 
     def leave_out(self, cells: Ints) -> None:
-        """Leave out cells until the next call of this method. Local.
+        """Leave out cells of the form until the next call of this method. Local.
 
         Args:
             cells: Owned cells, local indices.

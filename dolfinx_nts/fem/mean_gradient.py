@@ -97,13 +97,13 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
     def grad(self, o: Any) -> Any:
         """Gradient plus the difference between its mean and its value at the centre."""
         (v,), axes, d = o.ufl_operands, self._axes, len(self._axes)
-        if not all(self._has(f) for f in _functions(v)):
+        if not all(self._is_function_of(f) for f in _functions(v)):
             return o
         second = ufl.grad(o)
         rest = [[self._times(second, i, slice(m, None, d)) for m in axes] for i in axes]
         return o + ufl.as_matrix(rest)
 
-    def _has(self, function: Any) -> bool:
+    def _is_function_of(self, function: Any) -> bool:
         """Whether the space of a function is V, or a mixed space with V as its first component."""
         space, V = function.ufl_function_space(), self._V
         elements = space.ufl_element().sub_elements
@@ -128,7 +128,7 @@ class _RingMeans(_MeanGradients):
 
     def coefficient(self, o: Any) -> Any:
         """Replace the radial component v_r by r times the mean of v_r/r."""
-        if not self._has(o):
+        if not self._is_function_of(o):
             return o
         c, first, r = self._coefficients, ufl.grad(o), ufl.SpatialCoordinate(self._V.mesh)[0]
         mean = o[0] * c[6] + first[0, 0] * c[7] + first[0, 1] * c[8]

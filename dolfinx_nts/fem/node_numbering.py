@@ -125,7 +125,7 @@ def _input_ids(V: fem.FunctionSpace) -> GlobalInts:
 
 
 def listed(nodes: GlobalInts) -> str:
-    """Numbers of the first of some nodes as text for messages. Local.
+    """Text with the numbers of some nodes for messages; of many nodes the first ones. Local.
 
     Args:
         nodes: Node numbers from `input_ids`.

@@ -15,15 +15,15 @@ def add_surroundings(marker: la.Vector, V: fem.FunctionSpace, layers: int) -> No
         V: Space of the nodes.
         layers: Number of layers of cells.
     """
-    _share(marker)
+    _combine_marks(marker)
     marks: Floats = marker.array
     nodes = V.dofmap.list
     for _ in range(layers):
         marks[nodes[marks.take(nodes).any(axis=1)]] = 1
-        _share(marker)
+        _combine_marks(marker)
 
 
-def _share(marker: la.Vector) -> None:
-    """Exchange the marks between ranks. Collective."""
+def _combine_marks(marker: la.Vector) -> None:
+    """Mark nodes that are marked on any rank that shares them. Collective."""
     marker.scatter_reverse(la.InsertMode.add)
     marker.scatter_forward()

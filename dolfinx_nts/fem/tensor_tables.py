@@ -100,7 +100,7 @@ def _stride(found: re.Match[str]) -> str:
 
 
 def _kinds(body: str) -> dict[str, tuple[str, str]]:
-    """Factorised quantity for each known table: a value or a derivative."""
+    """Factorised quantity, a value or a derivative, by known table."""
     kinds = {}
     for table, count, text in _TABLE.findall(body):
         numbers = np.array([float(number) for number in _NUMBER.findall(text)])

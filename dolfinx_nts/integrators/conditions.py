@@ -81,7 +81,7 @@ class Conditions:
         self._all, self._comm = conditions, comm
 
     def hold(self, step: StepReport, contacts: Sequence[PairState]) -> bool:
-        """Whether one of the conditions holds, the same on all ranks.
+        """Whether one of the conditions is met, the same on all ranks.
 
         A function need only be true on one rank.
         """

@@ -76,7 +76,7 @@ class ConsistentMass:
             projected: Orthogonal projection of values of the owned dofs on admissible rates.
 
         Returns:
-            The rate, shape ``(d n,)``. The values of the Function are overwritten by other ones.
+            The rate, shape ``(d n,)``. The values of the Function are overwritten.
         """
         rate, r = np.zeros(len(force)), projected(force)
         z = projected(self._inverse_lumped * r)

@@ -61,7 +61,7 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
             if not reductions.everywhere(comm, np.array(around, dtype=bool)).any():
                 raise ValueError(
                     f"expected {segments.smooth!r} as the shape of one RigidBody, given "
-                    f"{segments.name} of other bodies: smooth=True can do this"
+                    f"{segments.name} of other bodies: use smooth=True for them"
                 )
     if not rigid:
         return
@@ -79,7 +79,7 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
     if resolved and guided:
         raise ValueError(
             "expected rigid bodies without a guide together with impact 'resolved', given "
-            f"guide= of {guided}: impact 'elastic' can do this"
+            f"guide= of {guided}: remove the guide, or use impact 'elastic'"
         )
     for pair in resolved:
         if gives_rigid_nodes(pair, rigid):
@@ -143,8 +143,8 @@ def check_closed_contact(
             )
         if gives_rigid_nodes(pair, bodies):
             raise ValueError(
-                f"expected Penalty for {stepper} between {pair.between}, given {law!r}: a node "
-                "that is stopped stops the whole rigid body, from which the scheme gains energy; "
+                f"expected Penalty for {stepper} between {pair.between}, given {law!r}: a "
+                "multiplier at a node stops the whole rigid body, so that the scheme gains energy; "
                 "use nodes of a deformable body, or EnergyMomentum"
             )
 
@@ -214,7 +214,7 @@ def _fields(bodies: Sequence[Body], supports: Supports) -> tuple[list[LinearFiel
     V = bodies[0].V
     rigid = [body for body in bodies if isinstance(body, RigidBody)]
     fields, masses = [], []
-    supported: Ints = np.unique(supports.given // dimension(V))
+    supported: Ints = np.unique(supports.of_user // dimension(V))
     for body in rigid:
         shared = len(np.intersect1d(supported, body.nodes))
         if count := reductions.total(V.mesh.comm, shared):

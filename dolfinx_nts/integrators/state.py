@@ -134,7 +134,7 @@ class State(ABC):
     def _serialize_motion(self, archive: Archive) -> None:
         self.t = archive.same("t", self.t)
         self.t_n = archive.same("t_n", self.t_n)
-        if archive.giving and self.t > self.t_n:
+        if archive.restores and self.t > self.t_n:
             self._dt.value = self.t - self.t_n
         self.step = archive.same("step", self.step)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
@@ -174,7 +174,7 @@ class State(ABC):
             if isinstance(value, fem.Function):
                 if value.function_space != V:
                     raise ValueError(
-                        "expected a Function of the bodies' space, given one of another"
+                        "expected a Function of the bodies' space, given one of another space"
                     )
                 value = nodal(value)[body.nodes].T
             values = real_array(f"a {function.name}", value(X) if callable(value) else value)
@@ -240,7 +240,7 @@ def serialize_nodal(archive: Archive, name: str, function: fem.Function, ids: An
     """
     V, values = function.function_space, nodal(function)
     owned = archive.nodal(name, ids, values[: len(ids)])
-    if archive.giving:
+    if archive.restores:
         vector = la.vector(V.dofmap.index_map, dimension(V))
         vector.array[: owned.size] = owned.ravel()
         vector.scatter_forward()

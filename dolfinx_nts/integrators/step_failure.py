@@ -100,7 +100,7 @@ class StepFailure:
         weak = {type(b.material).__name__ for b in bodies if not b.material.resists_collapse}
         if "is inverted" in reasons and weak:
             causes.append(f"{' and '.join(sorted(weak))} cannot resist collapse, NeoHookean can")
-        nodes = self._listed(each.state.nodes.node_ids[each.restless] for each, _ in self._steps)
+        nodes = self._listed(each.state.nodes.node_ids[each.unsettled] for each, _ in self._steps)
         if nodes:
             causes.append(f"nodes that keep changing segment or state: {nodes}")
         sides = ""
@@ -136,7 +136,7 @@ class StepFailure:
     def _pairs(self) -> Iterator[tuple[ContactPair, bool]]:
         """Pairs, and whether they have nodes that changed state repeatedly. Collective."""
         for step, _ in self._steps:
-            ends, node = step.state.ends, step.restless
+            ends, node = step.state.ends, step.unsettled
             counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
             for each, count in zip(members(step.state), counts, strict=True):
                 if not isinstance(each, VertexState):
@@ -149,8 +149,8 @@ class StepFailure:
         depends on small details of the facets.
         """
         found = []
-        for pair, is_restless in self._pairs():
-            if is_restless and isinstance(pair.segments, Surface):
+        for pair, is_unsettled in self._pairs():
+            if is_unsettled and isinstance(pair.segments, Surface):
                 nodes, segments = (
                     self._modulus(bodies, side) for side in (pair.nodes, pair.segments)
                 )
@@ -172,7 +172,7 @@ class StepFailure:
         found = []
         for step, _ in self._steps:
             search = step.search
-            touches = (step.normal.active | search.restless) & (search.segment >= 0)
+            touches = (step.normal.active | search.unsettled) & (search.segment >= 0)
             for each, start, end in zip(
                 members(step.state), step.state.ends[:-1], step.state.ends[1:], strict=True
             ):
@@ -214,9 +214,9 @@ class StepFailure:
         It concerns pairs with unsettled nodes, or all pairs if there are none.
         """
         names: list[dict[str, None]] = [{}, {}]
-        for pair, is_restless in self._pairs():
+        for pair, is_unsettled in self._pairs():
             if may_be_smooth(pair):
-                names[is_restless][pair.segments.name] = None
+                names[is_unsettled][pair.segments.name] = None
         found = list(names[1] or names[0])
         if not found:
             return ""

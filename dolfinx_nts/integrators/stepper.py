@@ -44,8 +44,8 @@ from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.collective_calls import meet
 from dolfinx_nts.parallel.errors import agreed
-from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.linear.statistics import SolverStatistics
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
@@ -90,7 +90,7 @@ class ScriptValues:
         return [(name, c.value) for name, constants in self._constants for c in constants]
 
     def with_copies(self, load: Load, form: ufl.Form) -> ufl.Form:
-        """Replace the user's values in the form of a load by copies."""
+        """Replace the user's constants and functions in the form of a load by copies."""
         given = [value for value in load.given(form) if not any(value is s for s in self._state)]
         for value in given:
             if value not in self._copies:
@@ -98,12 +98,12 @@ class ScriptValues:
         return ufl.replace(form, {value: self._copies[value] for value in given})
 
     def update(self, end: float) -> None:
-        """Call ``update`` for the end of the step [s], unless `take` calls it."""
+        """Call ``update`` for the time at the end of the step [s], unless `take` does."""
         if self._update is not None and not self._copies:
             self._update(end)
 
     def take(self, t: float, end: float) -> None:
-        """Copy the values for loads at time t, then set the values for the end of the step [s]."""
+        """Copy the values at the time t of the loads, then set those at the end of the step [s]."""
         if not self._copies:
             return
         if self._update is not None:
@@ -186,7 +186,7 @@ class Stepper(TimeLoop):
             if is_resolved(pair) and not self.scheme.resolves_impact:
                 raise ValueError(
                     "expected EnergyMomentum with impact 'resolved', given "
-                    f"{type(self).__name__}: Penalty() or impact 'plastic' can do this"
+                    f"{type(self).__name__}: use Penalty() or impact 'plastic'"
                 )
             if pair.has_defaults and comm.rank == 0:
                 _logger.info("%s, as none was given: %s", pair.between, pair.describe())
@@ -254,9 +254,9 @@ class Stepper(TimeLoop):
                 vertices.search.serialize(archive, f"pair_{number}/vertices_{i}/search")
         self.watch.serialize(archive)
         # Overlaps of a restored run are not initial overlaps.
-        self._was_displaced &= not archive.giving
+        self._was_displaced &= not archive.restores
 
-    def adopt(
+    def copy_state(
         self,
         archive: Archive,
         contacts: Mapping[int, str],

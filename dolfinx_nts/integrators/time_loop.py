@@ -16,7 +16,7 @@ from dolfinx_nts.common.archive import Archive, Snapshot
 from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.common.arrays import Flags
 from dolfinx_nts.common.declaration import SetOnce
-from dolfinx_nts.contact.held_apart import held_apart
+from dolfinx_nts.contact.nodes_with_gap import nodes_with_gap
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.conditions import Conditions, Until, split
@@ -30,8 +30,8 @@ from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepContr
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads.load import Load
+from dolfinx_nts.parallel.collective_calls import meet
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __all__ = ["StepLoop", "TimeLoop"]
@@ -152,8 +152,8 @@ class TimeLoop(State):
             raise TypeError(f"expected a StepControl() as control, given {kind_of(control)}")
         if end < self.t - ROUND_OFF * self.dt and self._comm.rank == 0:
             _logger.warning(
-                "run(until=%g) has no steps to take, as the time is %g: harmless where a resumed "
-                "run has been there before; otherwise note that until is a time, not a duration",
+                "run(until=%g) has no steps to take, as the time is %g: harmless if a resumed "
+                "run has already reached it; otherwise note that until is a time, not a duration",
                 end,
                 self.t,
             )
@@ -180,7 +180,7 @@ class TimeLoop(State):
         control, statics = given or StepControl(), self._static_increment() is not None
         halves = given is not None or self._halves_equal_steps
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
-        apart = None if gap_tol is None else self._held_apart(gap_tol)
+        apart = None if gap_tol is None else self._nodes_with_gap(gap_tol)
         rejected, first, limit, short = 0, "", LimitPoint(), ShortSteps()
         ineffective, is_reported = IneffectiveCuts(inertia=not statics), given is not None
         final: ConvergenceError | None = None  # raised if the last resort fails as well
@@ -199,7 +199,9 @@ class TimeLoop(State):
                         raise
                     self.serialize(snapshot.rewind())
                     if final is not None:
-                        raise (_in_vain(final, error) if statics else final) from None
+                        raise (
+                            _error_after_relaxation(final, error) if statics else final
+                        ) from None
                     hopeless = any(each.is_hopeless for each in error.reports)
                     if hopeless and given is None:
                         raise
@@ -277,14 +279,14 @@ class TimeLoop(State):
         self.t = end
         return report._replace(t=end)
 
-    def _held_apart(self, gap_tol: float) -> list[Flags]:
+    def _nodes_with_gap(self, gap_tol: float) -> list[Flags]:
         """Flags of active nodes of each pair whose gap exceeds gap_tol in magnitude."""
         x = self.x
-        return [held_apart(pair, x, gap_tol) for pair in self.contacts]
+        return [nodes_with_gap(pair, x, gap_tol) for pair in self.contacts]
 
     def _checked(self, before: list[Flags], gap_tol: float) -> list[Flags]:
         """Flags of active nodes with a large gap after the step; raises if there are new ones."""
-        after = self._held_apart(gap_tol)
+        after = self._nodes_with_gap(gap_tol)
         new = [
             pair.nodes.node_ids[now & ~then]
             for pair, now, then in zip(self.contacts, after, before, strict=True)
@@ -318,10 +320,10 @@ def _extended(error: ConvergenceError, before: str, after: str) -> ConvergenceEr
     return ConvergenceError("; ".join(filter(None, [before, message])), error.reports, cause)
 
 
-def _in_vain(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
-    """Error of a run after pseudo-transient continuation has failed as well. Local."""
+def _error_after_relaxation(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
+    """Error of a run in which pseudo-transient continuation has failed, too. Local."""
     return ConvergenceError(
-        f"{final.args[0]}; nor does relaxation with a viscous resistance find another one: "
+        f"{final.args[0]}; relaxation with a viscous resistance has not found another one either: "
         f"{error.reports[-1].reason if error.reports else error.cause}; {IF_IT_MOVES}",
         final.reports,
         final.cause,

@@ -25,7 +25,7 @@ from dolfinx_nts.io.fingerprint import fingerprint
 from dolfinx_nts.io.shared_file import write_hdf5
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import on_root
-from dolfinx_nts.parallel.slabs import Slab, Slabs, looked_up
+from dolfinx_nts.parallel.slabs import Slab, Slabs, fetch_rows
 
 __all__ = ["HasState", "Reader", "load", "save"]
 
@@ -137,7 +137,7 @@ class Reader(Archive):
         file: The checkpoint.
     """
 
-    giving = True
+    restores = True
 
     def __init__(self, stepper: Stepper, file: CheckpointFile) -> None:
         self._file = file
@@ -154,7 +154,7 @@ class Reader(Archive):
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:
         """Values of owned nodes."""
         known, rows = (self._file.block(f"{name}/{of}") for of in ("nodes", "values"))
-        found = looked_up(self._file.comm, ids, known, rows)
+        found = fetch_rows(self._file.comm, ids, known, rows)
         return found.astype(values.dtype, copy=False)
 
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:

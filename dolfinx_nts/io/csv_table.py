@@ -77,7 +77,7 @@ class Table:
         if not np.array_equal(digest, self.digest):
             raise ValueError(
                 f"expected a table {self.path} that begins with the rows which it had at the "
-                "checkpoint, given other rows; put the table back, or start without resume"
+                "checkpoint, given other rows; restore the table, or start without resume"
             )
         self._check(columns, known)
         os.truncate(self.path, self.size)
@@ -131,5 +131,5 @@ class Table:
         self._hash.update(data)
 
     def _present(self) -> tuple[int, Array]:
-        """Length of all rows so far [bytes], and their digest."""
+        """Length [bytes] and digest of all rows so far."""
         return self._written, np.frombuffer(self._hash.digest(), dtype=np.uint8)

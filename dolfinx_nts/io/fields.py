@@ -123,7 +123,7 @@ class RunFields:
         for name, own in self._own.items():
             with agreed(comm, f"evaluate the field {name}"):
                 if name in fields:
-                    raise ValueError(f"expected names that are not taken by fields, given {name!r}")
+                    raise ValueError(f"expected names that no other field has, given {name!r}")
                 fields[name] = self._values(name, own)
         return fields
 

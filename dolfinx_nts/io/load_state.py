@@ -30,7 +30,7 @@ _MAY_CHANGE = re.compile(r"(?<=impact=)\w+|(?<=mu=)[^,)]+")
 
 
 class _Kept(NamedTuple):
-    """Source of a pair's state: number in the checkpoint, from 1, and whether slip is kept."""
+    """Source of the contact state of a pair: number in the checkpoint, and whether slip is kept."""
 
     number: int
     friction: bool
@@ -85,11 +85,11 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
                 f"expected a checkpoint of this mesh, nodes and cells, given {path}, in which it "
                 f"is {scene['mesh']} instead of {now['mesh']}"
             )
-        kept = _kept(scene, now)
+        kept = _pairs_with_state(scene, now)
         contacts = {i: f"pair_{k.number}" for i, k in kept.items()}
         same_scheme = scene["integrator"] == now["integrator"]
         same_bodies = _bodies(scene) == _bodies(now)
-        stepper.adopt(
+        stepper.copy_state(
             Reader(stepper, file), contacts, same_scheme=same_scheme, same_bodies=same_bodies
         )
     dropped = ["state of the linear solver", *_without_motion(stepper, comm)]
@@ -133,8 +133,8 @@ def _pairs(scene: Mapping[str, str]) -> list[int]:
     return sorted(int(name[5:]) for name in scene if name.startswith("pair "))
 
 
-def _kept(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
-    """Pairs of this scene that get a contact state, by their number from 0."""
+def _pairs_with_state(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
+    """Pairs of this scene that get a contact state of the checkpoint, by their number from 0."""
     kept = {}
     numbers = {saved[f"pair {n}"]: n for n in _pairs(saved)}
     for i in _pairs(now):

@@ -115,7 +115,7 @@ class NameLock:
             self._file = None
 
     def _is_there(self, file: int) -> bool:
-        """Whether the path still refers to an open file."""
+        """Whether the path still refers to the open file."""
         try:
             return os.path.samestat(os.fstat(file), self._path.lstat())
         except FileNotFoundError:

@@ -21,7 +21,7 @@ from dolfinx_nts.io.fields import OwnField, RunFields
 from dolfinx_nts.io.run_files import RunFiles
 from dolfinx_nts.io.summary import Summary
 from dolfinx_nts.model.rigid_body import guided
-from dolfinx_nts.parallel.meeting import meet
+from dolfinx_nts.parallel.collective_calls import meet
 from dolfinx_nts.parallel.signals import Interrupts
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 

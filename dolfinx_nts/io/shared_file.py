@@ -56,7 +56,7 @@ def write_hdf5(
 
     def lay_out() -> dict[str, int]:
         shapes = {name: shape for part in every or () for name, shape in part.items()}
-        offsets = _laid_out(image, shapes, attributes)
+        offsets = _create_layout(image, shapes, attributes)
         with created_temporary(path) as file:
             file.truncate(image.size)
         return offsets
@@ -74,7 +74,7 @@ def _shape(slabs: Sequence[Slab]) -> tuple[int, ...]:
     return (len(slabs) * first[0], *first[1:]) if first else ()
 
 
-def _laid_out(
+def _create_layout(
     image: "_SparseImage", shapes: Mapping[str, tuple[tuple[int, ...], str]], attributes: Any
 ) -> dict[str, int]:
     """Create the layout of an HDF5 file; returns the offsets of its arrays [bytes]."""

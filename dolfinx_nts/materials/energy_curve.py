@@ -75,7 +75,8 @@ class EnergyCurve:
         allowed = _ROUND_OFF * np.abs(slopes).sum() + _TRUNCATION * np.abs(curvatures).sum()
         if not abs(difference - curvatures[1]) <= allowed < np.inf:
             raise ValueError(
-                f"derivatives {slopes[1], curvatures[1]} and a difference of {difference}"
+                f"derivatives {slopes[1], curvatures[1]}, of which the second one is {difference} "
+                "by differences"
             )
 
     def _value(self, is_second: bool, D: Floats, s: float) -> float:

@@ -30,7 +30,7 @@ class Evaluation:
         parts: dict[Any, Any] = {}
         for part in unique_post_traversal(expression):
             if isinstance(part, Coefficient | GeometricQuantity):
-                # UFL would evaluate them without end.
+                # UFL would search endlessly for the value of a field.
                 raise ValueError(f"expected an expression without fields, given one with {part}")
             operands = tuple(parts[operand] for operand in part.ufl_operands)
             parts[part] = _Part(part, operands) if operands else part

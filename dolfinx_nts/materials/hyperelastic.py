@@ -246,7 +246,7 @@ class Hyperelastic(StrainEnergy):
         if not abs(total - sum(parts)) <= _ROUND_OFF * (abs(total) + np.abs(parts).sum()):
             raise ValueError(
                 "expected an energy that is linear in its parameters for one_point, "
-                f"given {total:g} J/m^3 and parts of {parts}"
+                f"given {total:g} J/m^3 instead of the sum of its parts {parts}"
             )
 
     def _rule(self, one_point: str | Sequence[str] | None) -> tuple[bool, frozenset[str]]:

@@ -40,7 +40,7 @@ class Rigid(MassOnly):
         rho: Reference density [kg/m^3].
     """
 
-    # Values of a material that is stiffer than any other, and cannot collapse.
+    # Moduli and flags as of a material that is stiffer than any other and cannot collapse.
     least_modulus = math.inf
     resists_collapse = True
 

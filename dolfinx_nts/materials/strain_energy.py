@@ -67,8 +67,8 @@ class StrainEnergy(Declaration):
     def value(self, C: Any, without: Iterable[str] = ()) -> float:
         """Energy [J/m^3] of a constant tensor, UFL (3, 3), with some parameters set to zero."""
         parameters = dict(self.parameters) | dict.fromkeys(without, 0.0)
-        value: Callable[..., float] = _known_value if self._is_ours else _value
-        return value(self._psi if self._is_ours else self.psi, C, *parameters.items())
+        value: Callable[..., float] = _known_value if self._is_of_package else _value
+        return value(self._psi if self._is_of_package else self.psi, C, *parameters.items())
 
     @cached_property
     def has_fields(self) -> bool:
@@ -138,7 +138,7 @@ class StrainEnergy(Declaration):
 
     @property
     def _is_stable(self) -> bool:
-        """Whether no small strain has a negative energy; for energies without fields."""
+        """Whether no small strain has a negative energy. Only for energies without fields."""
         least, most = np.linalg.eigvalsh(self.moduli)[[0, -1]]
         return bool(least >= -_ROUND_OFF * max(most, -least))
 
@@ -166,11 +166,11 @@ class StrainEnergy(Declaration):
 
     @cached_property
     def _curve(self) -> EnergyCurve:
-        curve: Callable[..., EnergyCurve] = _known_curve if self._is_ours else _curve
-        return curve(self._psi if self._is_ours else self.psi, *self.parameters.items())
+        curve: Callable[..., EnergyCurve] = _known_curve if self._is_of_package else _curve
+        return curve(self._psi if self._is_of_package else self.psi, *self.parameters.items())
 
     @property
-    def _is_ours(self) -> bool:
+    def _is_of_package(self) -> bool:
         """Whether psi is a function of the package, which depends only on its arguments.
 
         Its properties are then cached for materials with the same parameters. User-defined energies

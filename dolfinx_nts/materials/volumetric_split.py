@@ -65,12 +65,12 @@ def parts(material: Hyperelastic, splits: bool) -> tuple[Part, Part | None]:
 
 
 def _at_equal_volume(C: Any) -> Any:
-    """Spherical tensor with the same determinant, UFL (3, 3)."""
+    """Multiple of the identity with the same determinant, UFL (3, 3)."""
     return ufl.det(C) ** (1 / 3) * ufl.Identity(3)
 
 
 def _volumetric(material: Hyperelastic) -> Hyperelastic:
-    """Material with the energy of a uniform change of volume."""
+    """Material with the energy of a uniform change of volume alone."""
     return _PartOfEnergy(
         material, lambda C, **numbers: material.psi(_at_equal_volume(C), **numbers)
     )

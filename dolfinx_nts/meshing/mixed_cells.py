@@ -95,8 +95,8 @@ _PIECES = {kind: _pieces(kind) for kind in _NEIGHBOURS}
 def only_one_kind(mesh: Elements, dim: int) -> Elements:
     """Cut cells that are prisms or of several kinds, and their facets. Local.
 
-    A warning is logged. Pyramids and cells of higher order cannot be cut and are returned
-    unchanged; the caller refuses them.
+    A warning is logged. Pyramids and cells of higher order are returned unchanged, and refused by
+    `bodies_of`.
 
     Args:
         mesh: The elements.
@@ -144,7 +144,7 @@ def only_one_kind(mesh: Elements, dim: int) -> Elements:
     result = mesh._replace(numbers=numbers, x=np.concatenate(x), blocks=tuple(blocks))
     _logger.warning(
         "DOLFINx has spaces on cells of one kind, without prisms: %s are cut into %d "
-        "%s, which is harmless apart from their number",
+        "%s, which is harmless apart from the larger number of cells",
         ", ".join(f"{count} {KINDS[kind].name}" for kind, count in kinds.items()),
         result.kinds(dim)[_INTO[dim]],
         _NAMES[dim],

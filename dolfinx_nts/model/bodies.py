@@ -271,4 +271,6 @@ def check_member(body: Any, bodies: Sequence[Body]) -> None:
             f"not its name or number, given {body!r}"
         )
     if body not in bodies:
-        raise ValueError(f"expected a body of this stepper ({names}), given another, {body.name}")
+        raise ValueError(
+            f"expected a body of this stepper ({names}), given {body.name} of another stepper"
+        )

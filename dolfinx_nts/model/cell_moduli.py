@@ -24,8 +24,8 @@ _BLOCK = 4096
 class CellModuli:
     """Moduli 4 psi''(1) of a material in cells. Construction is collective, calls are local.
 
-    They are those of the forms: a material that is constant in each cell has one point per cell,
-    another one with fields has the quadrature points of the strain energy.
+    Points are as in the forms: one per cell for a material that is constant in each cell, and the
+        quadrature points of the strain energy for other materials with fields.
 
     Args:
         V: Space of the bodies.
@@ -66,7 +66,7 @@ class CellModuli:
         return moduli
 
     def blocks(self, cells: Ints) -> Iterator[tuple[Ints, Floats]]:
-        """Cells in blocks, and their moduli; none for no cells."""
+        """Yield blocks of cells with their moduli; nothing without cells."""
         for start in range(0, len(cells), _BLOCK):
             block = cells[start : start + _BLOCK]
             yield block, self(block)

@@ -40,7 +40,7 @@ class Supports:
     Attributes:
         conditions: The conditions in their order, then the condition of the axis if any.
         fixed: Owned scalar dofs with a condition, sorted, shape ``(f,)``.
-        given: Owned scalar dofs with a condition in ``bcs``, sorted.
+        of_user: Owned scalar dofs with a condition in ``bcs``, sorted.
 
     Raises:
         TypeError: Something in the list is not a condition.
@@ -75,7 +75,7 @@ class Supports:
         # Number of the first condition of each fixed dof.
         number = np.searchsorted(ends, first, side="right")
         self._number: Ints = np.asarray(number, dtype=np.int32)
-        self.given: Ints = self.fixed[self._number < len(self)]
+        self.of_user: Ints = self.fixed[self._number < len(self)]
 
     def warn_of_empty(self) -> None:
         """Warn of conditions without dofs, such as from a predicate that is false everywhere."""
@@ -95,7 +95,7 @@ class Supports:
 
     @property
     def exist(self) -> bool:
-        """Whether any rank has conditions. Local."""
+        """Whether there are conditions on any rank. Local."""
         return bool(self.conditions)
 
     def constants(self) -> list[tuple[str, Floats]]:
@@ -148,7 +148,7 @@ class Supports:
             du: Displacements of the fixed dofs in the step, shape ``(f,)`` [m].
 
         Returns:
-            The reactions of the given conditions, in their order.
+            The reactions of the conditions in ``bcs``, in their order.
         """
         d, V = self._dim, self._V
         vectors = np.zeros((len(force), 3))

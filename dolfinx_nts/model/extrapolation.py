@@ -116,10 +116,10 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
     thin = np.sort(joined(comm, ids))
     if len(thin):
         raise ValueError(
-            "expected two layers of nodes below a surface with impact 'resolved', which carry its "
-            f"mass, given fewer at {len(thin)} nodes: {listed(thin)}; mesh the body with more "
-            "cells through its thickness, use displacements of degree 2, fewer of its faces, or "
-            "impact 'elastic'"
+            "expected two layers of nodes below a surface with impact 'resolved', as they carry "
+            f"the mass of the surface, given fewer at {len(thin)} nodes: {listed(thin)}; use more "
+            "cells through the thickness, displacements of degree 2, a smaller surface, or impact "
+            "'elastic'"
         )
     found = [row for row in rows if row is not None]
     counts = np.cumsum([0, *(len(column) for column, _ in found)])
@@ -129,7 +129,7 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
 
 
 def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours:
-    """Nodes of all ranks within `_LAYERS` cells of the given nodes, without these. Collective."""
+    """Nodes of all ranks within `_LAYERS` cells of ``nodes``, without ``nodes``. Collective."""
     V = bodies[0].V
     index_map = V.dofmap.index_map
     n, marker = index_map.size_local, la.vector(index_map)
@@ -146,14 +146,14 @@ def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours
     return _Neighbours(*(joined(V.mesh.comm, values) for values in own))
 
 
-def _share(marker: la.Vector) -> None:
+def _combine_flags(marker: la.Vector) -> None:
     """Combine the flags of all ranks at shared nodes. Collective."""
     marker.scatter_reverse(la.InsertMode.add)
     marker.scatter_forward()
 
 
 def _row(x: Floats, distance: Floats, below: _Neighbours) -> tuple[Ints, Floats] | None:
-    """Neighbours of a node and their weights; None if affine fields cannot be reproduced."""
+    """Neighbours of a node and their weights; None if no weights reproduce affine fields."""
     num_looked_at = min(_FITTED[-1], int(np.count_nonzero(np.isfinite(distance))))
     if not num_looked_at:
         return None
@@ -177,7 +177,7 @@ def _row(x: Floats, distance: Floats, below: _Neighbours) -> tuple[Ints, Floats]
 
 
 def _line(near: Ints, offset: Floats) -> tuple[Ints, Floats] | None:
-    """Weights from the nearest node and a second one on the same line."""
+    """Weights of the nearest node and of a second one on the same line; None without one."""
     first, others = offset[0], offset[1:] - offset[0]
     length, lengths = np.linalg.norm(first), np.linalg.norm(others, axis=1)
     sine = np.linalg.norm(np.cross(others, first), axis=1) / (length * lengths)

@@ -87,7 +87,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
 
 
 def _cells_behind(V: fem.FunctionSpace, local: Ints, tag: int) -> tuple[Ints, Flags]:
-    """Cell of each local facet, and whether this rank owns it. Collective.
+    """Cell of each local facet, and whether this rank owns the facet. Collective.
 
     Raises:
         ValueError: A facet is between two cells.

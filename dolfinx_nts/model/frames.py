@@ -122,15 +122,15 @@ class Frame:
         return [X_n, X]
 
     def relative(self, X_n: Floats, X: Floats) -> Floats:
-        """Displacement in space relative to the frame, work-conjugate to contact forces."""
+        """Displacement in space relative to the moving frame, work-conjugate to contact forces."""
         return X - X_n
 
     def carried(self, X_n: Floats, X: Floats) -> Floats:
-        """Displacement in space of points fixed in the frame midway between X_n and X."""
+        """Displacement in space of points fixed in the frame at the mean of X_n and X."""
         return np.zeros_like(X)
 
     def displacement(self, x: Floats) -> Floats:
-        """Displacement in the step of points fixed in the frame that are at x at its end [m]."""
+        """Displacement in the step of points of the frame that are at x at the end [m]."""
         return np.zeros(x.shape[:-1])
 
     def turned(self, scheme: str, contact: ContactKinematics) -> ContactKinematics:

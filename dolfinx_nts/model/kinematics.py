@@ -38,7 +38,7 @@ class ContactKinematics(NamedTuple):
     turn: Floats
 
     def combined(self, weights: Floats) -> "ContactKinematics":
-        """Kinematics in other nodes, of which the nodes of the pairs are linear combinations.
+        """Kinematics in terms of other nodes, whose linear combinations are the nodes of the pairs.
 
         Args:
             weights: Weight of each of j other nodes in each of k nodes, shape ``(m, k, j)``.
@@ -123,7 +123,7 @@ class Slip:
         return work
 
     def combined(self, weights: Floats) -> "Slip":
-        """Slip in terms of other nodes, of which the nodes of the pairs are linear combinations.
+        """Slip in terms of other nodes, whose linear combinations are the nodes of the pairs.
 
         Args:
             weights: Weight of each of j other nodes in each of k nodes, shape ``(k, j)`` or

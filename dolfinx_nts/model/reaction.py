@@ -14,7 +14,8 @@ __all__ = ["Reaction", "reactions_of", "total_reactions"]
 class Reaction(NamedTuple):
     """Force, moment and work of a support or a guide in a step, the same on all ranks.
 
-    The force is that in the balance of momentum of the scheme: loads, contact forces and reactions
+    The force is the one in the balance of momentum of the scheme: loads, contact forces and
+        reactions
     add up to the rate of momentum. Its product with the displacement increment is the work.
 
     Attributes:

@@ -167,14 +167,14 @@ class Surface(Declaration):
         if sphere.is_hollow or sphere.dim != dimension(self.V) or not sphere.motion.is_rest:
             raise ValueError(
                 f"expected a RigidSphere of {dimension(self.V)} coordinates that is neither hollow "
-                f"nor moving as the shape of {self.name}, given {sphere!r}: its body moves it"
+                f"nor moving as the shape of {self.name}, given {sphere!r}: the body moves it"
             )
         off = float(np.abs(sphere.distance(x.reshape(-1, 3))[0]).max(initial=0.0))
         off = float(reductions.largest(self.V.mesh.comm, off))
         if off > _ON_SPHERE * sphere.radius:
             raise ValueError(
                 f"expected facets of {self.name} with vertices on {sphere!r}, given some that are "
-                f"{off:.3g} m off: choose those of the round part by where= or a tag"
+                f"{off:.3g} m off it: select facets of the round part by where= or a tag"
             )
 
     def __repr__(self) -> str:
@@ -238,8 +238,8 @@ class Surface(Declaration):
         """
         if not reductions.total(V.mesh.comm, len(facets)):
             raise ValueError(
-                f"expected facets of the boundary, given none: the mesh has {_extent(V)}, and a "
-                "facet is selected if all its vertices are; compare by np.isclose"
+                f"expected facets of the boundary, given none: the mesh has {_extent(V)}; the "
+                "condition must be true at all vertices of a facet: compare by np.isclose"
             )
         ordered = np.sort(facets).astype(np.int32)
         tags = meshtags(V.mesh, V.mesh.topology.dim - 1, ordered, np.ones_like(ordered))
@@ -386,7 +386,7 @@ class Surface(Declaration):
 
 
 def _ratios(values: Floats) -> Floats:
-    """Columns 1, 2, ... divided by column 0, the areas; 0 without area."""
+    """Forces, columns 1, 2, ..., divided by areas, column 0; 0 for zero areas."""
     ratios: Floats = values[:, 1:] / np.where(values[:, :1] > 0, values[:, :1], np.inf)
     return ratios
 

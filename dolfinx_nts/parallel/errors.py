@@ -17,7 +17,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_nts.parallel.meeting import Meeting, different, leave_with_notes
+from dolfinx_nts.parallel.collective_calls import PendingCall, different, leave_with_notes
 
 __all__ = ["agreed", "all_come", "end_together", "portable"]
 
@@ -64,14 +64,14 @@ def agreed(comm: MPI.Comm, call: str) -> Iterator[list[str]]:
         if error is not None:
             raise error
         return
-    # A rank that failed does not compare texts.
+    # A failed rank does not take part in the comparison of texts.
     code = zlib.crc32("\n".join(more).encode())
     own = (code, -code) if error is None else (-math.inf, -math.inf)
-    meeting = Meeting(comm, call, -float(comm.size if error is None else comm.rank), *own)
-    if error is not None and not meeting.wait(_PATIENCE):
+    pending = PendingCall(comm, call, -float(comm.size if error is None else comm.rank), *own)
+    if error is not None and not pending.wait(_PATIENCE):
         raise error
-    meeting.wait()
-    largest, *codes = meeting.largest()
+    pending.wait()
+    largest, *codes = pending.largest()
     if (first := -int(largest)) < comm.size:
         shared = comm.bcast(None if error is None else portable(error), root=first)
         raise error if comm.rank == first and error is not None else shared
@@ -84,7 +84,7 @@ def agreed(comm: MPI.Comm, call: str) -> Iterator[list[str]]:
 
 
 def all_come(comm: MPI.Comm, call: str) -> bool:
-    """Whether all ranks make this call within `_PATIENCE`, after an error on some of them.
+    """Whether all ranks make this call within `_PATIENCE`, even after an error on some ranks.
 
     Args:
         comm: Communicator.
@@ -92,9 +92,9 @@ def all_come(comm: MPI.Comm, call: str) -> bool:
     """
     if comm.size == 1:
         return True
-    meeting = Meeting(comm, call)
+    pending = PendingCall(comm, call)
     try:
-        return meeting.wait(_PATIENCE) and meeting.largest() == []
+        return pending.wait(_PATIENCE) and pending.largest() == []
     except ValueError:  # other ranks make a different call
         return False
 

@@ -17,7 +17,7 @@ from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged, joined, rows_by_rank
 
-__all__ = ["Slab", "Slabs", "Some", "looked_up"]
+__all__ = ["Slab", "Slabs", "Some", "fetch_rows"]
 
 # Number of samples of the numbers of each rank [-], from which slab bounds are computed.
 _SAMPLES = 64
@@ -52,7 +52,7 @@ class Slab(NamedTuple):
         return self.values.dtype
 
     def split(self, number: int, *shape: int) -> "Slab":
-        """Slab in which each row is divided into ``number`` rows of a given shape."""
+        """Slab in which each row is split into ``number`` rows of a given shape."""
         return Slab(self.values.reshape(-1, *shape), number * self.begin, number * self.length)
 
 
@@ -108,8 +108,8 @@ class Slabs:
         Args:
             rows: Rows of this rank in the order of its numbers, shape ``(n, ...)``, of the same
                 type on all ranks.
-            room: Contiguous array whose memory is reused for the slab if it fits. For `Some` rows
-                it must be an earlier slab with the same other rows.
+            room: Contiguous array whose memory is reused for the slab if the shape fits. For `Some`
+                rows it must be an earlier slab with the same other rows.
         """
         n = len(self._order)
         if isinstance(rows, Some):
@@ -163,7 +163,7 @@ class Slabs:
             ValueError: A rank requests a number that no rank has.
         """
         places = np.arange(self._begin, self._begin + len(self._numbers))
-        return looked_up(self._comm, ids, self._numbers, places)
+        return fetch_rows(self._comm, ids, self._numbers, places)
 
     def _exchanged(self, rows: Array) -> Array:
         """Rows from all ranks, in the order of the ranks."""
@@ -201,7 +201,7 @@ def _bounds(comm: MPI.Comm, ids: GlobalInts) -> GlobalInts:
     return samples[cuts] if len(samples) else np.zeros(len(cuts), dtype=np.int64)
 
 
-def looked_up(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -> Array:
+def fetch_rows(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -> Array:
     """Fetch numbered rows from the ranks that own them. Collective.
 
     Args:
@@ -224,7 +224,7 @@ def looked_up(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -
     requests = exchanged(comm, {owner: ids[part] for owner, part in parts.items()})
     is_known = all(np.isin(part, known).all() for part in requests.values())
     if not reductions.everywhere(comm, is_known):
-        raise ValueError("expected numbers of rows that a rank has, given others")
+        raise ValueError("expected numbers of rows that exist on a rank, given other numbers")
     places = {asker: np.searchsorted(known, part) for asker, part in requests.items()}
     found = np.empty((len(ids), *rows.shape[1:]), dtype=rows.dtype)
     for owner, answer in exchanged(comm, {k: rows[place] for k, place in places.items()}).items():

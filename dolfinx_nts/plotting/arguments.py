@@ -77,7 +77,9 @@ def columns(table: Any) -> Any:
     with Path(table).open(encoding="utf-8", errors="replace") as file:
         names, row = file.readline().split(","), file.readline()
     if names != [""] and "total_energy" not in names:
-        raise ValueError(f"expected the CSV file of a Recorder, given {table}, which is none")
+        raise ValueError(
+            f"expected the CSV file of a Recorder, given {table}, which has no column total_energy"
+        )
     if not row:
         raise ValueError(f"expected a table with rows, given {table}, which has none yet")
     return np.genfromtxt(table, delimiter=",", names=True)

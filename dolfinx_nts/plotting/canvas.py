@@ -119,7 +119,7 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
 
     notebook = interactive and in_ipykernel()
     if interactive and not notebook and not _has_display():
-        raise RuntimeError("expected a notebook or a display; a snapshot needs neither")
+        raise RuntimeError("expected a notebook or a display, given neither: use snapshot")
     # Suppress VTK's warning that there is no display.
     with pyvista.vtk_verbosity("error"):
         plotter = pyvista.Plotter(off_screen=not interactive, notebook=notebook, window_size=_SIZE)

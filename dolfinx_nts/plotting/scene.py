@@ -99,7 +99,7 @@ def surface_near(obstacle: Obstacle, points: Floats, t: float) -> Any:
 
 @singledispatch
 def _surface(obstacle: Obstacle, points: Floats) -> Any:
-    """Surface of an obstacle near points, both in the frame of the obstacle, ``(n, 3)`` [m]."""
+    """Surface of an obstacle near points ``(n, 3)`` [m], both in the frame of the obstacle."""
     import pyvista
 
     low, high = points.min(axis=0), points.max(axis=0)

@@ -25,7 +25,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Candidates", "Search", "contact_normals", "mean_gaps", "sunk_from", "too_deep"]
+__all__ = ["Candidates", "Search", "contact_normals", "lost_depth", "mean_gaps", "too_deep"]
 
 # Depth relative to the size of a candidate [-] up to which points may leave it.
 _DEEP = 0.1
@@ -59,8 +59,8 @@ class Candidates(ABC):
     may_curve = False
 
     @property
-    def sunk(self) -> Floats:
-        """Depth of initially penetrating points in each group of candidates, shape ``(g,)`` [m]."""
+    def initial_depth(self) -> Floats:
+        """Depth up to which initially penetrating points get candidates, by group, ``(g,)`` [m]."""
         return np.zeros(1)
 
     @abstractmethod
@@ -170,7 +170,7 @@ class Candidates(ABC):
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
         """Find intersections of straight paths of points from x_n to x with candidates.
 
-        ``inside`` is the candidate behind which each point starts, or -1, shape ``(m,)``.
+        ``inside`` is the candidate that each point has penetrated at the start, or -1, ``(m,)``.
         """
 
     def adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats] | None:
@@ -182,7 +182,7 @@ class Candidates(ABC):
 
     @abstractmethod
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points are nearest to a free edge of the surface."""
+        """Whether the edge nearest to a point is a free edge of the surface."""
 
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
@@ -218,13 +218,13 @@ def mean_gaps(gap: Floats, start: Array) -> Floats:
 
 
 def too_deep(candidates: Candidates, segment: Ints) -> Floats:
-    """Depth below which points may belong to another side of the body, ``(m,)`` [m]. Local."""
-    deepest = float(candidates.sunk.max(initial=0.0))
+    """Depth beyond which a point may belong to another side of the body, ``(m,)`` [m]. Local."""
+    deepest = float(candidates.initial_depth.max(initial=0.0))
     depth: Floats = np.maximum(_kernels.DEEPEST * candidates.size[segment], deepest)
     return depth
 
 
-def sunk_from(candidates: Candidates, segment: Ints) -> Floats:
+def lost_depth(candidates: Candidates, segment: Ints) -> Floats:
     """Depth beyond which points without a candidate have passed through their last one. Local.
 
     It is limited by the height of the cell below a segment. Shape ``(m,)`` [m].
@@ -244,14 +244,15 @@ class Search(ABC):
         frame: Frame of the candidates in the current step, in which all positions are given.
         may_move: Whether the frame may differ from space.
         num_searches: Number of exchanges of candidates between ranks.
-        sunk: Depth up to which initially penetrating nodes get segments [m], see `start.py`.
+        initial_depth: Depth [m] up to which nodes that penetrate initially get segments, see
+            `start.py`.
     """
 
     candidates: Candidates
     frame = Frame()
     may_move = False
     num_searches = 0
-    sunk = 0.0
+    initial_depth = 0.0
 
     def __init__(self, nodes: Surface, vertices: Ints) -> None:
         self._nodes, self._vertices = nodes, vertices

@@ -80,20 +80,20 @@ class GlobalSearch(Search):
         """Search again, with the arguments of `update`. Collective."""
         reach *= self._margin
         self.candidates = self._find(x, reach)
-        self.candidates.sunk = np.array([self.sunk])
+        self.candidates.initial_depth = np.array([self.initial_depth])
         self.covered = (*self.positions(x), reach)
         self.num_searches += 1
 
-    def sink(self, depth: float) -> None:
+    def set_initial_depth(self, depth: float) -> None:
         """Set the depth up to which initially penetrating nodes get segments [m]. Local."""
-        if depth != self.sunk:
-            self.sunk, self.covered = depth, None
+        if depth != self.initial_depth:
+            self.initial_depth, self.covered = depth, None
 
     def serialize(self, archive: Archive, name: str) -> None:
         covered = self.covered
         arrays = None if covered is None else (*covered[:2], np.array(covered[2]))
         stored = archive.local(name, arrays)
-        if not archive.giving:
+        if not archive.restores:
             return
         self.covered = None
         if stored is not None:
@@ -102,7 +102,7 @@ class GlobalSearch(Search):
             x = np.zeros((len(reference_positions(self._nodes.V)), 3))
             x[self._nodes.nodes], x[self._vertices] = x_nodes, x_vertices
             self.candidates = self._find(x, float(reach))
-            self.candidates.sunk = np.array([self.sunk])
+            self.candidates.initial_depth = np.array([self.initial_depth])
 
     def _find(self, x: Floats, reach: float) -> SegmentCandidates:
         space = self._segments.V.dofmap.index_map
@@ -151,7 +151,7 @@ class GlobalSearch(Search):
     ) -> SegmentCandidates:
         """Create the candidates from segments found within ``reach`` [m] at x. Collective.
 
-        ``others`` are local numbers of additional nodes whose values are needed.
+        ``others`` are local numbers of additional nodes on which the candidates depend.
         """
         return SegmentCandidates(found)
 

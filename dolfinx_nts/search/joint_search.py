@@ -49,9 +49,9 @@ class JointSearch:
         self._covered: Floats = np.empty(0)
 
     @property
-    def sunk(self) -> float:
+    def initial_depth(self) -> float:
         """Depth up to which initially penetrating nodes get segments [m]. Local."""
-        return max(search.sunk for search in self._searches)
+        return max(search.initial_depth for search in self._searches)
 
     def update(self, x: Floats, reach: float) -> tuple["JointCandidates", bool]:
         """Update the candidates of all searches. Collective."""
@@ -69,7 +69,7 @@ class JointSearch:
         return self.candidates, is_new
 
     def _recall(self) -> bool:
-        """Store the search ranges of all searches; return whether they have changed. Local."""
+        """Store the positions and reach of all searches; return whether any has changed. Local."""
         covered = [search.covered for search in self._searches]
         if len(self._known) == len(covered) and not any(map(is_not, covered, self._known)):
             return False
@@ -123,7 +123,7 @@ class JointCandidates(SegmentCandidates):
         super().__init__(found, self._first)
         self._group: Ints = np.repeat(np.arange(len(parts), dtype=np.int32), num_nodes)
         self._shorter = shorter
-        self.sunk = np.concatenate([part.sunk for part in parts])
+        self.initial_depth = np.concatenate([part.initial_depth for part in parts])
 
     def find(self, key: GlobalInts) -> Ints:
         return self._kernel.find(key, self._group)

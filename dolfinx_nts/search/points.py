@@ -28,13 +28,13 @@ class ContactPoints(Protocol):
 
     @property
     def nodes(self) -> Ints:
-        """Local node of each point, -1 for points within a facet, shape ``(p,)``."""
+        """Local node at each point, -1 for points within a facet, shape ``(p,)``."""
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field, shape ``(l, 3)``, at the points, shape ``(p, 3)``."""
 
     def take(self, nodes: Ints) -> "ContactPoints":
-        """Select the points of nodes, by their indices among nodes with multipliers."""
+        """Select the points of nodes, given by indices among the nodes with multipliers."""
 
 
 class NodalPoints:

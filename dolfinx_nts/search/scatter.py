@@ -87,7 +87,7 @@ class NodalScatter:
         self.add_of_ghosts(total, ghosts)
 
     def no_values(self, d: int) -> Floats:
-        """Zeros for the ghosts, shape ``(g, d)``. Local."""
+        """Array of zeros for the ghosts, shape ``(g, d)``. Local."""
         return np.zeros((self._num_ghosts, d))
 
     def at_ghosts(self, values: Floats) -> Floats:

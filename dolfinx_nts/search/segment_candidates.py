@@ -68,12 +68,12 @@ class SegmentCandidates(Candidates):
         self._kernel.hold_in_dents(found.in_dents)
 
     @property
-    def sunk(self) -> Floats:
+    def initial_depth(self) -> Floats:
         """Initial penetration of points into each group, shape ``(g,)`` [m]."""
         return self._sunk
 
-    @sunk.setter
-    def sunk(self, depth: Floats) -> None:
+    @initial_depth.setter
+    def initial_depth(self, depth: Floats) -> None:
         self._sunk = depth
         self._kernel.sink(depth)
 
@@ -160,7 +160,7 @@ class SegmentCandidates(Candidates):
         return Trajectories(*self._kernel.follow(*paths, *points.facing.arguments))
 
     def _own_rows(self, points: ContactPoints) -> Ints:
-        """Vertex of segments that is the same node as each point, or -1, shape ``(p,)``."""
+        """Node of each point as a vertex of segments, or -1, shape ``(p,)``."""
         return np.full(len(points.facing.numbers), -1, dtype=np.int32)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:

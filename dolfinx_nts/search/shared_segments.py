@@ -49,7 +49,7 @@ class SharedSegments:
         self.many[nodes[row]] = True
 
     def sums(self, key: GlobalInts) -> GlobalInts:
-        """For each node with several segments the sum of their keys, otherwise 0, ``(n,)``."""
+        """Sum of the keys of the segments of nodes with several segments, otherwise 0, ``(n,)``."""
         sums: GlobalInts = np.zeros(len(self.many), dtype=np.int64)
         np.add.at(sums, self.node, key[self.segment])
         return sums

@@ -38,7 +38,7 @@ class Bulk:
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells on which residual and derivative are assembled.
-        given: Flags of the owned dofs with prescribed values, shape ``(d n,)``.
+        is_prescribed: Flags of the owned dofs with prescribed values, shape ``(d n,)``.
         stabilisation: Additional term of the tangent, a function of a nodal vector.
         rigid: Motion of the rigid bodies.
     """
@@ -66,7 +66,7 @@ class Bulk:
         self.num_owned = self._dim * nodes.size_local
         self.num_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
         self._left_out: tuple[Ints, Ints] = _NONE, _NONE
-        self.given: Flags = self._given(_NONE)
+        self.is_prescribed: Flags = self._prescribed_flags(_NONE)
         self.stabilisation: Callable[[Floats], Floats] | None = None
         self.rigid = RigidMotion(V)
 
@@ -91,7 +91,7 @@ class Bulk:
         self._derivative.leave_out(cells)
         before, self._left_out = self._left_out, (cells, nodes)
         self.num_cells += len(before[0]) - len(cells)
-        self.given = self._given(nodes)
+        self.is_prescribed = self._prescribed_flags(nodes)
         return before
 
     def forces(self) -> Floats:
@@ -102,21 +102,22 @@ class Bulk:
         """Forces of each load at u on the owned dofs [N]. Collective."""
         return [-load for load in self._residual.assembled_each_load()]
 
-    def action(self, x: Floats, *, includes_given: bool = False) -> Floats:
+    def action(self, x: Floats, *, with_prescribed: bool = False) -> Floats:
         """Tangent at u times a nodal vector. Collective.
 
         Args:
             x: Values at the owned nodes, shape ``(n, d)`` [m].
-            includes_given: How prescribed dofs count. False: rows and columns are those of the
-                identity. True: x there acts on all other dofs, and the result there is zero.
+            with_prescribed: Whether values of x at prescribed dofs act on other dofs; results at
+                prescribed dofs are then zero. By default rows and columns of prescribed dofs are
+                those of the identity.
 
         Returns:
             Values at the owned nodes, shape ``(n, d)`` [N].
         """
-        if includes_given:
+        if with_prescribed:
             direction = self._derivative.set_direction(x)
             forces = self._forces_by(self._derivative.with_kernels("slow"), direction)
-            forces[self.given] = 0
+            forces[self.is_prescribed] = 0
             return forces.reshape(-1, self._dim)
         return self._along(x, "double")
 
@@ -129,22 +130,22 @@ class Bulk:
 
     def rounding(self, x: Floats) -> float:
         """Relative round-off error of `rounded_action`. Collective."""
-        self._derivative.set_direction(x, self.given)
+        self._derivative.set_direction(x, self.is_prescribed)
         return self._derivative.rounding()
 
     def _along(self, x: Floats, kernels: Kernels) -> Floats:
-        direction = self._derivative.set_direction(x, self.given)
+        direction = self._derivative.set_direction(x, self.is_prescribed)
         y = self._forces_by(self._derivative.with_kernels(kernels), direction)
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
-        y[self.given] = x.ravel()[self.given]
+        y[self.is_prescribed] = x.ravel()[self.is_prescribed]
         return y.reshape(-1, self._dim)
 
-    def _given(self, nodes: Ints) -> Flags:
-        """Flags of the owned dofs of some nodes and of the supports, shape ``(d n,)``. Local."""
-        given = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
-        given[nodes] = True
-        flags: Flags = given.ravel()
+    def _prescribed_flags(self, nodes: Ints) -> Flags:
+        """Flags of the owned dofs of given nodes and of supports, shape ``(d n,)``. Local."""
+        nodal = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
+        nodal[nodes] = True
+        flags: Flags = nodal.ravel()
         flags[self.supports.fixed] = True
         return flags
 

@@ -21,7 +21,7 @@ __all__ = ["Convergence", "Iterate", "Measures", "gap_tolerance", "position_roun
 _EPS = float(np.finfo(np.float64).eps)
 # Consecutive iterations with constraints violated by prescribed displacements alone, after which
 # the step is infeasible: no unknown changes these gaps.
-_GIVEN_ITERATIONS = 6
+_INFEASIBLE_ITERATIONS = 6
 # Number of last iterations [-] in which a change of contact or friction states makes a failed
 # attempt undecided.
 _UNDECIDED = 6
@@ -82,7 +82,7 @@ class Measures(NamedTuple):
         changed: Number of states that violated their conditions.
         failed: Number of pairs without a valid projection.
         is_open: Whether a constraint is violated.
-        num_given: Number of constraints violated by prescribed displacements alone.
+        num_prescribed: Number of constraints violated by prescribed displacements alone.
         solves: Whether forces are in balance and all conditions are satisfied.
     """
 
@@ -92,7 +92,7 @@ class Measures(NamedTuple):
     changed: int
     failed: int
     is_open: bool
-    num_given: int
+    num_prescribed: int
     solves: bool
 
     @property
@@ -110,9 +110,9 @@ class _Scales(NamedTuple):
     """Tolerances of a step.
 
     Attributes:
-        increment: Negligible increment [m].
+        increment: Increment that counts as zero [m].
         near: Increment up to which linearised slips are accurate [m].
-        gap: Negligible gap [m].
+        gap: Gap that counts as closed [m].
         rounding: Round-off of the residual [N].
         forces: Norm of the forces known before the step [N].
     """
@@ -167,7 +167,7 @@ class Convergence:
         self._du_norm, self._num_long = np.inf, 0
         self._changes, self._last_change = 0, -np.inf
         # Number of consecutive iterates in which prescribed displacements violate constraints.
-        self._given = 0
+        self._num_infeasible = 0
         self._is_polished = False
 
     def measure(self, iterate: Iterate, *, is_complete: bool) -> Measures:
@@ -180,8 +180,13 @@ class Convergence:
         R, states, scales = iterate.R, iterate.states, self._scales
         excess = max((state.constraint_error for state in states), default=0.0)
         is_open = not excess <= scales.gap
-        num_given = _num_given(self._steps, states) if is_open and is_complete else 0
-        counts = [sum(s.changed for s in states), sum(s.failed for s in states), is_open, num_given]
+        num_prescribed = _num_prescribed(self._steps, states) if is_open and is_complete else 0
+        counts = [
+            sum(s.changed for s in states),
+            sum(s.failed for s in states),
+            is_open,
+            num_prescribed,
+        ]
         # In statics, forces of the last step do not include the reactions to new prescribed
         # displacements.
         fixed = self._bulk.supports.fixed[: 0 if self._inertia else None]
@@ -190,9 +195,9 @@ class Convergence:
         squares.append(_round_off_of_contact(states, iterate.x) ** 2)
         sums = reductions.total(self._bulk.comm, list(map(float, [*squares, *counts])))
         norm, contact_norm, reaction, steep = map(math.sqrt, sums[:4])
-        changed, failed, num_open, num_given = map(int, sums[4:])
+        changed, failed, num_open, num_prescribed = map(int, sums[4:])
         self.norms.append(norm)
-        self._given = self._given + 1 if num_given else 0
+        self._num_infeasible = self._num_infeasible + 1 if num_prescribed else 0
         self._changes += changed
         self._last_change = self.iteration if changed else self._last_change
         scale = max(scales.forces, reaction) + contact_norm
@@ -203,10 +208,10 @@ class Convergence:
         is_balanced = norm <= target or (is_small and self._du_norm <= scales.increment)
         solves = is_balanced and is_complete and not (num_open or changed)
         solves = solves and not self._has_to_be_polished(excess, iterate.x)
-        return Measures(norm, scale, target, changed, failed, num_open > 0, num_given, solves)
+        return Measures(norm, scale, target, changed, failed, num_open > 0, num_prescribed, solves)
 
     def _has_to_be_polished(self, excess: float, x: Floats) -> bool:
-        """Whether a solution needs one more linear system, at most once. Collective.
+        """Whether to refine a solution by one more linear system, at most once. Collective.
 
         Multipliers may be large, so that they do work on tiny remaining gaps.
 
@@ -247,14 +252,14 @@ class Convergence:
             return is_due and (seen.changed > 0 or seen.is_open or self._is_slow(seen))
         if self.iteration == 0 or seen.changed < 2:
             return False
-        if self._du_norm > self.longest_decided(is_supported=is_supported):
+        if self._du_norm > self.cone_trust_radius(is_supported=is_supported):
             return False
         is_far = seen.norm > _SETTLED * seen.scale
         if is_far and (self._has_minimum or not is_supported):
             return True
         return is_due and seen.norm > _MARGINAL * seen.scale
 
-    def longest_decided(self, *, is_supported: bool) -> float:
+    def cone_trust_radius(self, *, is_supported: bool) -> float:
         """Trust radius of increments after a cone problem has set the contact states [m]. Local.
 
         In statics, the problem contains linearised slips. If only friction supports a body, wrong
@@ -300,7 +305,7 @@ class Convergence:
                 "have turned by more than 90 degrees"
             )
         if self._is_hopeless:
-            return f"bcs move {seen.num_given} nodes into surfaces"
+            return f"bcs move {seen.num_prescribed} nodes into surfaces"
         if not np.isfinite(self._du_norm) and self.iteration:
             return "the linear system is singular"
         if is_solution:
@@ -313,8 +318,8 @@ class Convergence:
 
     @property
     def _is_hopeless(self) -> bool:
-        """Whether prescribed displacements violate constraints for any starting guess."""
-        return self._given == _GIVEN_ITERATIONS
+        """Whether prescribed displacements alone have violated constraints in too many iterates."""
+        return self._num_infeasible == _INFEASIBLE_ITERATIONS
 
     def report(self, reason: str) -> NewtonReport:
         """Create the report, with the reason of a failure or "". Local."""
@@ -344,7 +349,7 @@ def gap_tolerance(size: float, digits: float) -> float:
     return max(_GAP_TOLERANCE * size, digits)
 
 
-def _num_given(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> int:
+def _num_prescribed(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> int:
     """Number of constraints of this rank that prescribed displacements alone violate. Local."""
     return sum(len(prescribed_nodes(step, s)) for step, s in zip(steps, states, strict=True))
 

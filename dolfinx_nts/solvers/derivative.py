@@ -17,8 +17,7 @@ from dolfinx_nts.solvers.nodal_sum import NodalSum
 
 __all__ = ["Derivative"]
 
-# Kernels of the reference in double precision: "slow" ones, which compile fast, until "double" ones
-# are available.
+# Kernels in double precision: "slow" ones, which compile fast, until "double" ones are available.
 _EXACT: tuple[Kernels, ...] = ("double", "slow")
 # Number of cells of each material in the measurement of rounding errors.
 _SAMPLE = 512
@@ -34,8 +33,7 @@ class Derivative:
             precision cannot resolve on which side of a jump a point is.
 
     Attributes:
-        rounded: Name of the kernels with the lowest precision that suffices in most Krylov
-            iterations.
+        rounded: Name of the kernels for most Krylov iterations: single precision where possible.
     """
 
     def __init__(self, forms: Sequence[ufl.Form], u: fem.Function, *, jumps: bool = False) -> None:
@@ -64,12 +62,12 @@ class Derivative:
         for form in self._sums.values():
             form.leave_out(cells)
 
-    def set_direction(self, x: Floats, given: Flags | None = None) -> Floats:
+    def set_direction(self, x: Floats, zero: Flags | None = None) -> Floats:
         """Set the direction. Collective.
 
         Args:
             x: Direction at the owned nodes, shape ``(n, d)`` [m].
-            given: Flags of the owned dofs where the direction is set to zero, shape ``(d n,)``;
+            zero: Flags of the owned dofs where the direction is set to zero, shape ``(d n,)``;
                 None for no dof.
 
         Returns:
@@ -77,8 +75,8 @@ class Derivative:
         """
         owned = self._values[: self._num_owned]
         owned[:] = x.ravel()
-        if given is not None:
-            owned[given] = 0
+        if zero is not None:
+            owned[zero] = 0
         self._direction.x.scatter_forward()
         return owned
 

@@ -16,7 +16,7 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.contact.implicit.coupled.decided_step import predict
+from dolfinx_nts.contact.implicit.coupled.cone_states import predict_slips
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
@@ -180,7 +180,7 @@ class _Iteration:
         # plastic flow.
         may_decide = system.inertia or not system.jumps
         self._may_decide = may_decide and not attempt.begins_sticking
-        self._num_local = 0  # contact evaluations of the nonlinear elimination
+        self._num_local = 0  # number of contact evaluations in the nonlinear elimination
         farthest = _kernels.largest_size(self._x)
         self.convergence = Convergence(
             bulk,
@@ -209,7 +209,7 @@ class _Iteration:
         with attempt.timings.phase("assembly"):
             forces = bulk.forces()
             R_bulk = forces.copy()
-            R_bulk[bulk.given] = 0
+            R_bulk[bulk.is_prescribed] = 0
             if attempt.drag is not None:
                 R_bulk += attempt.drag.force()
             if self._search is not None and not self._search.springs:
@@ -275,12 +275,12 @@ class _Iteration:
     def update(self, iterate: Iterate, seen: Measures) -> None:
         """Solve the linear system of an iterate and add its solution to u."""
         R, states = iterate.R, self._attempt.motion.predict(iterate.states)
-        decided = self._decide(iterate, states, seen)
+        decided = self._set_contact_states(iterate, states, seen)
         R, states = decided or (R, states)
         du, du_norm, longest = self._increment(R, states, seen)
         if decided:
             is_supported = not self._system.relief.bodies
-            longest = min(longest, self.convergence.longest_decided(is_supported=is_supported))
+            longest = min(longest, self.convergence.cone_trust_radius(is_supported=is_supported))
         system, attempt, motion = self._system, self._attempt, self._attempt.motion
         part = longest / du_norm if du_norm > longest else 1.0
         if self._search is not None and not motion.advances:
@@ -297,7 +297,7 @@ class _Iteration:
         system.bulk.u.x.scatter_forward()
         self.convergence.count_increment(du_norm, is_long=du_norm > longest)
 
-    def _decide(
+    def _set_contact_states(
         self, iterate: Iterate, states: tuple[ContactContribution, ...], seen: Measures
     ) -> tuple[Floats, tuple[ContactContribution, ...]] | None:
         """Set contact states by the cone problem if due; return residual and states, or None."""
@@ -326,20 +326,20 @@ class _Iteration:
             rtol = self._reduction(seen)
             du, dlambda = system.linear.solve(R, attempt.steps, states, rtol)
             if len(system.relief.loads) and self.convergence.reduces_little:
-                du, dlambda = self._at_rest(R, states, rtol, du, dlambda)
+                du, dlambda = self._without_suppressed_motions(R, states, rtol, du, dlambda)
         du = attempt.motion.limit(system.relief.restrain(du))
         self._balanced = dlambda is None
         if dlambda is not None:
             for step, state, d in zip(attempt.steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
-                predict(step, state, du.reshape(-1, dim))
+                predict_slips(step, state, du.reshape(-1, dim))
         du_norm = reductions.largest(system.bulk.comm, _kernels.largest_size(du))
         if system.bulk.rigid.has_no_inertia:
             return du, du_norm, _LONGEST_FALL * system.sizes.smallest
         longest = max(_LONGEST_INCREMENT * system.sizes.smallest, _ALONG * attempt.motion.length)
         return du, du_norm, longest
 
-    def _at_rest(
+    def _without_suppressed_motions(
         self,
         R: Floats,
         states: tuple[ContactContribution, ...],
@@ -347,11 +347,11 @@ class _Iteration:
         du: Floats,
         dlambda: list[Floats] | None,
     ) -> tuple[Floats, list[Floats] | None]:
-        """Solution of the linear system with little of the suppressed motions.
+        """Solution of the linear system, corrected to have hardly any of the suppressed motions.
 
-        Bodies that slide far along each other deform. If only the motion is removed from the
-        increment, the rest of it is not in equilibrium. So inertial forces that stop the motions
-        are added, by the least squares of a few solutions.
+        Bodies that slide far along each other deform, so that removing only the rigid motion from
+        the increment would leave forces out of balance. Instead, inertial forces that stop the
+        motions are added, with amplitudes by least squares from a few linear solutions.
         """
         system, relief, comm = self._system, self._system.relief, self._system.bulk.comm
         rest = amplitudes = relief.amplitudes(du)

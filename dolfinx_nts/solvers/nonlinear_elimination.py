@@ -64,16 +64,18 @@ class NonlinearElimination:
             Number of contact evaluations; 0 if the displacement is unchanged.
         """
         bulk = self._bulk
-        if not reductions.anywhere(bulk.comm, any(map(self._are_far, steps, start.states))):
+        if not reductions.anywhere(
+            bulk.comm, any(map(self._are_violations_large, steps, start.states))
+        ):
             return 0
         nodes = self._nodes(steps, start)
         counts = reductions.total(bulk.comm, [np.count_nonzero(nodes[: len(X)]), len(X)])
         if counts[0] > _MOST_NODES * counts[1]:
             return 0
-        with _alone(bulk, nodes):
+        with _others_clamped(bulk, nodes):
             return self._move(nodes, steps, start, X)
 
-    def _are_far(self, step: ContactStep, state: ContactContribution) -> bool:
+    def _are_violations_large(self, step: ContactStep, state: ContactContribution) -> bool:
         """Whether constraint violations on this rank are large. Local."""
         node = step.state.nodes.nodes[state.pairs.node]
         return bool(np.any(state.violations > _FAR * self._sizes.nodal[node]))
@@ -102,7 +104,7 @@ class NonlinearElimination:
         u = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
         R, states = start.R.copy(), start.states
         for number in range(1, _STEPS + 1):
-            R[bulk.given] = 0
+            R[bulk.is_prescribed] = 0
             du = self._solver.solve_for(nodes[: len(u)], R, steps, states, _REDUCTION)
             if du is None or self._are_long(du):
                 return number - 1
@@ -113,7 +115,7 @@ class NonlinearElimination:
             if number == _STEPS:
                 break
             R = bulk.forces()
-            R[bulk.given] = 0
+            R[bulk.is_prescribed] = 0
             x, forces = X + in_space(u), R.reshape(-1, dim)
             states = tuple(step.evaluate(x, forces, number) for step in steps)
             R += contact_residual(steps, states, u.shape)
@@ -121,7 +123,7 @@ class NonlinearElimination:
 
 
 @contextmanager
-def _alone(bulk: Bulk, nodes: Flags) -> Iterator[None]:
+def _others_clamped(bulk: Bulk, nodes: Flags) -> Iterator[None]:
     """Context in which all local nodes except the flagged ones, ``(l,)``, are clamped. Local."""
     dofmap, topology = bulk.u.function_space.dofmap, bulk.u.function_space.mesh.topology
     num_cells = topology.index_map(topology.dim).size_local

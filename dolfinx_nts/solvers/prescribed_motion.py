@@ -34,7 +34,7 @@ class PrescribedMotion:
 
     @property
     def advances(self) -> bool:
-        """Whether some of the prescribed motion is applied in the current iteration."""
+        """Whether a part of the prescribed motion is applied in the current iteration."""
         return False
 
     @property

@@ -1,4 +1,4 @@
-"""Renewal of the candidate segments within the iterations of a step."""
+"""Update of the candidate segments within the iterations of a step."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ _MOST_EARLY, _FELL = 3, 0.1
 
 
 class SegmentChoice:
-    """Renewal of the segments in equilibrium and, in statics, also near it.
+    """Updates the segments in equilibrium and, in statics, also near equilibrium.
 
     In statics nodes slide far, and their final segments are known early. Updates of the contact
     points of mortar facets converge linearly, so intermediate equilibria need not be accurate.
@@ -35,7 +35,7 @@ class SegmentChoice:
         self._laid, self._is_new = np.inf, False
 
     def renew(self, norm: float, *, is_near: bool, converged: bool) -> int:
-        """Renew segments if due; return the number of changes on all ranks. Collective.
+        """Update segments if due; return the number of changes on all ranks. Collective.
 
         After any change, equilibrium has to be solved for again.
 

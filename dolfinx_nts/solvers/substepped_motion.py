@@ -19,7 +19,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.changes_ahead import changes_ahead
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, changed
-from dolfinx_nts.contact.implicit.meeting import until_met
+from dolfinx_nts.contact.implicit.first_contact import fraction_until_contact
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.parallel import reductions
@@ -91,14 +91,14 @@ class SubsteppedMotion(PrescribedMotion):
             return R
         bulk = self._bulk
         increment = self._remaining()
-        forces = bulk.action(increment, includes_given=True)
+        forces = bulk.action(increment, with_prescribed=True)
         self._changes, resisted = [], 0.0
         for step, state in zip(self._steps, states, strict=True):
             changes, change = changes_ahead(step, state.pairs, increment)
             self._changes.append(changes)
             forces += change[:, : increment.shape[1]]
             resisted += self._squared_resistance(step, state, changes)
-        forces.ravel()[bulk.given] = 0
+        forces.ravel()[bulk.is_prescribed] = 0
         forces = bulk.rigid.project(None, forces).ravel()
         if target is not None:
             squares = np.array([R @ R, forces @ forces + resisted])
@@ -142,7 +142,7 @@ class SubsteppedMotion(PrescribedMotion):
         bulk = self._bulk
         nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
         increment = du.reshape(nodes.shape) + bulk.rigid.remaining(nodes, self._fraction)
-        parts = [until_met(step, increment, self._size) for step in self._steps]
+        parts = [fraction_until_contact(step, increment, self._size) for step in self._steps]
         return reductions.least(bulk.comm, min(parts, default=1.0))
 
     def advance(self, nodes: Floats, du: Floats, part: float) -> Floats:

@@ -8,7 +8,7 @@ from itertools import permutations
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.checks.start import check_rigid_facets, sink_nodes_inside
+from dolfinx_nts.contact.checks.start import check_rigid_facets, deepen_search
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import unloaded
 from dolfinx_nts.contact.method import EDGES
@@ -54,7 +54,7 @@ class OverlapWatch:
 
     Attributes:
         is_static: Whether there is no inertia, for the remedies.
-        deepest: The deepest overlap so far of each two bodies, by their names.
+        deepest: The deepest overlap so far of each pair of bodies, by their names.
         deepest_at: Times of the deepest overlaps, by the same names [s].
     """
 
@@ -114,7 +114,7 @@ class OverlapWatch:
 
     @cached_property
     def _has_parts(self) -> bool:
-        """Whether two surfaces of a pair belong to one body, whose overlap is a self-overlap."""
+        """Whether both surfaces of a pair belong to one body: overlaps are self-overlaps."""
         return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
 
     @cached_property
@@ -123,7 +123,7 @@ class OverlapWatch:
         return frozenset().union(*(a & b for _, a, b in self._roles))
 
     @cached_property
-    def _unseen(self) -> Floats:
+    def _allowed_approach(self) -> Floats:
         """Allowed approach of two touching boundaries until a check, ``(g, g)`` [m]."""
         # It is too short for bodies to pass through each other, even for bodies of one cell.
         cells = self.search.cells
@@ -152,29 +152,29 @@ class OverlapWatch:
                 contact.accept(unloaded(contact.history))
         self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
-        self._sink(new, x)
+        self._set_initial_depths(new, x)
         # Overlaps of loaded contact that was read from a checkpoint are not reported.
         new = [each for each in new if not self._is_loaded(each[0])]
         kinds = _by_kind({overlap: self._at_start(overlap, x) for overlap, _ in new})
         for kind, overlaps in kinds.items():
             self._warn("", "starts", kind, overlaps)
 
-    def _sink(self, new: list[tuple[Overlap, frozenset[str]]], x: Floats) -> None:
+    def _set_initial_depths(self, new: list[tuple[Overlap, frozenset[str]]], x: Floats) -> None:
         """Set the initial penetration depths of pairs."""
         starts = set().union(*(names for _, names in new)) - self.search.obstacles
         for contact in self._contacts:
-            contact.sink(0.0)
+            contact.set_initial_depth(0.0)
         for _, both in new:
             if len(both) < 2 or not both <= starts:
                 continue
             for contact, nodes, segments in self._roles:
                 for inner, outer in permutations(both):
-                    if contact.may_sink and inner in nodes and outer in segments:
-                        sink_nodes_inside(contact, self.search, outer, x)
+                    if contact.may_penetrate_initially and inner in nodes and outer in segments:
+                        deepen_search(contact, self.search, outer, x)
 
     @property
     def clearance(self) -> float:
-        """Remaining allowed approach of any two bodies until a check is due [m]."""
+        """Remaining approach of two bodies until a check is due [m]."""
         return self._clearance
 
     def travel(self, displacement: float) -> None:
@@ -218,7 +218,7 @@ class OverlapWatch:
         np.fill_diagonal(nearer, 0.0)
         if not np.any(nearer > self._allowed):
             return None
-        number = int(np.ceil((nearer / self._unseen).max()))
+        number = int(np.ceil((nearer / self._allowed_approach).max()))
         for part in (1.0, *(np.arange(1, number) / number)):
             at = x if part == 1 else x_n + part * (x - x_n)
             overlaps, _ = self.search.find(at, 0.0, t_n + part * (t - t_n), ())
@@ -285,7 +285,7 @@ class OverlapWatch:
             self._warn(f"at t = {t:g} s, ", "is", kind, self._waiting.pop(kind))
 
     def _grown(self, overlap: Overlap) -> Overlap:
-        """Deepest overlap so far with the same inner and outer body, or else the given one."""
+        """Deepest overlap so far of the same two bodies in the same order, including this one."""
         deepest = self.deepest[frozenset(overlap.names)]
         return deepest if deepest.names == overlap.names else overlap
 
@@ -299,7 +299,7 @@ class OverlapWatch:
         new, (overlaps, apart) = [], found
         least = part * self.search.smallest_cell
         overlaps = [each for each in overlaps if each.depth > least]
-        self._allowed = apart + self._unseen
+        self._allowed = apart + self._allowed_approach
         self._seen, self._clearance = (x, t), float(self._allowed.min())
         if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):
             self._clear(x, float((apart + self._passing_approach).min()))
@@ -314,7 +314,7 @@ class OverlapWatch:
         return new
 
     def _beneath(self, overlap: Overlap, x: Floats) -> float:
-        """Largest depth of smooth segments below their facets, where no contact is missing [m]."""
+        """Largest depth of smooth segments below their facets, which is no overlap [m]."""
         inner, outer = overlap.names
         depths = [
             depth_beneath_facets(each.nodes, each.segments, x, overlap.depth)
@@ -355,7 +355,7 @@ class OverlapWatch:
             return verdict
         both = set(overlap.names)
         seen = [
-            _deepest(contact, contact.gap(x, max(overlap.size, contact.search.sunk)))
+            _deepest(contact, contact.gap(x, max(overlap.size, contact.search.initial_depth)))
             for contact, nodes, segments in self._roles
             if both <= nodes | segments
         ]
@@ -398,7 +398,9 @@ class OverlapWatch:
             if (inner in nodes and outer in segments)
             # The deepest point is a node of the segments, but nodes of the pair may be almost as
             # deep.
-            or (outer in nodes and inner in segments and _held(contact) > overlap.depth / 2)
+            or (
+                outer in nodes and inner in segments and _contact_depth(contact) > overlap.depth / 2
+            )
         ]
         if not held and inner in self.search.obstacles:
             return (
@@ -482,7 +484,7 @@ def _described(overlap: Overlap) -> str:
     )
 
 
-def _held(contact: PairState) -> float:
+def _contact_depth(contact: PairState) -> float:
     """Largest penetration of a contact node or a loaded vertex of a pair [m]. Collective."""
     return max([_deepest(contact, contact.history.gap), *map(_deepest_loaded, contact.vertices)])
 

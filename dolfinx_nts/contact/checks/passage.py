@@ -43,8 +43,7 @@ class Passage(NamedTuple):
 
     Attributes:
         points: Their indices, shape ``(m,)``.
-        part: Largest fraction of the step after which all passing points would still be detected
-            [-].
+        part: Largest fraction of the step in which the search still detects all passing points [-].
     """
 
     points: Ints

@@ -31,7 +31,7 @@ def check_repeated(pairs: Sequence[ContactPair]) -> None:
             continue  # edges are constrained in addition to nodes
         if _same(first.nodes, second.nodes) and _same(first.segments, second.segments):
             raise ValueError(
-                "expected each pair once, as multipliers hold a node on a segment only once, "
+                "expected each pair once, as two multipliers for one constraint are not unique, "
                 f"given the nodes of {first.between} in pairs[{i}] and pairs[{j}]"
             )
 

@@ -132,7 +132,7 @@ class ReversePassages:
         """Serialize the last check."""
         x, *bounds = self._last
         stored = archive.local("reverse_passages", None if x is None else [x, np.array(bounds)])
-        if archive.giving:
+        if archive.restores:
             self.forget()
             if stored is not None:
                 self._last = _SinceCheck(stored[0], *map(float, stored[1]))
@@ -160,7 +160,7 @@ class _Sweep:
         return self._search.approach(x, self._search.positions(x_n))
 
     def passing(self, x_n: Floats, x: Floats, reach: float) -> tuple[str, bool]:
-        """Message naming vertices that pass through, or "", and whether others are deep inside."""
+        """Message naming vertices that pass through, or ""; whether other vertices are deep."""
         candidates, _ = self._search.update(x_n, reach)
         points, forward = self._facets.points(x_n), candidates.scatter.forward
         ends = forward(x_n), forward(x)

@@ -53,16 +53,18 @@ class SoftSprings:
         """Whether a pair has springs and was not reported yet. Local."""
         return contact in self._watched
 
-    def sunk(self, x: Floats) -> str:
+    def pushed_through(self, x: Floats) -> str:
         """Message naming bodies that were pushed through an obstacle, or "".
 
         ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Unlike other obstacles, a
         plane has no depth at which nodes are lost.
         """
         reported = [contact for contact in self._contacts if contact not in self._watched]
-        return next(filter(None, (self._sunk_through(contact, x) for contact in reported)), "")
+        return next(
+            filter(None, (self._bodies_pushed_through(contact, x) for contact in reported)), ""
+        )
 
-    def _sunk_through(self, contact: PairState, x: Floats) -> str:
+    def _bodies_pushed_through(self, contact: PairState, x: Floats) -> str:
         """Names of bodies on the other side of the obstacle of a pair, or ""."""
         obstacle, nodes = contact.segments, contact.nodes.nodes
         if not isinstance(obstacle, Obstacle):

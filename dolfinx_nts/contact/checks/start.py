@@ -28,7 +28,7 @@ from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.search.overlap.overlaps import OverlapSearch
 
 __all__ = [
-    *("check_rigid_facets", "check_start", "sink_nodes_inside", "warn_of_bodies_without_pair"),
+    *("check_rigid_facets", "check_start", "deepen_search", "warn_of_bodies_without_pair"),
 ]
 
 _logger = logging.getLogger("dolfinx_nts")
@@ -88,7 +88,7 @@ def _inside(pair: ContactPair, ids: GlobalInts, depth: Floats, x: Floats, more: 
     )
 
 
-def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Floats) -> None:
+def deepen_search(state: PairState, inside: OverlapSearch, body: str, x: Floats) -> None:
     """Increase the search depth of initially penetrating nodes. Collective.
 
     In a run a node more than half a facet below a segment is not paired with it, as it may belong
@@ -133,7 +133,9 @@ def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Flo
         )
     if is_inside.any():
         usual = _kernels.DEEPEST * state.pair.segment_size
-        state.sink(max(state.search.sunk, float(depth[of][is_inside].max()) + usual))
+        state.set_initial_depth(
+            max(state.search.initial_depth, float(depth[of][is_inside].max()) + usual)
+        )
 
 
 def check_rigid_facets(
@@ -160,7 +162,7 @@ def check_rigid_facets(
     if not isinstance(obstacle, RigidSurface) or state.pair.method != NODES:
         return
     place = obstacle.motion.frame(t, t, obstacle.dim).at_end
-    numbers, some = inside.one_node_each(surface)
+    numbers, some = inside.boundaries_and_nodes(surface)
     within = joined(comm, numbers[_are_enclosed(obstacle, place(x[some]))])
     if len(within):
         raise ValueError(
@@ -239,6 +241,6 @@ def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactP
         names = ", ".join(body.name for group in alone for body in group)
         _logger.warning(
             "bodies without a contact pair with another body: %s; harmless if they never meet "
-            "one, which they would pass through; otherwise add pairs, or take all_pairs(bodies)",
+            "one; otherwise they pass through it: add pairs, or use all_pairs(bodies)",
             names,
         )

@@ -28,7 +28,7 @@ __all__ = ["ContactWatch", "EnergyGain"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Spurious gain relative to the kinetic energy after a step [-] above which it is reported.
+# Spurious energy gain relative to the kinetic energy after a step [-] above which it is reported.
 _PART = 0.25
 # Kinetic energy relative to the largest one so far [-] below which bodies count as at rest.
 _REST = 1e-6
@@ -60,8 +60,7 @@ class EnergyGain:
             works: Energy that contact gave to the bodies in the step.
             kinetic: Kinetic energy of all bodies before and after the step [J].
             t: Time at its end [s].
-            negligible: Work of constraints within the tolerance of gaps [J], negligible for bodies
-                at rest.
+            negligible: Work of constraints within the tolerance of gaps [J], which is not reported.
         """
         before, after = kinetic
         self._largest = max(self._largest, before)

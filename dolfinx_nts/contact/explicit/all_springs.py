@@ -42,7 +42,7 @@ class AllSprings:
         self._contacts = (*contacts, *vertices)
         of_pairs = {contact: ContactSprings(contact, mass, modulus) for contact in contacts}
         self.pairs = [*of_pairs.values()]
-        self.pairs += [VertexSprings(v, mass, modulus, of_pairs[v.given]) for v in vertices]
+        self.pairs += [VertexSprings(v, mass, modulus, of_pairs[v.parent]) for v in vertices]
         self.has_friction = any(contact.pair.friction is not None for contact in contacts)
         self._forces: tuple[SpringForces, ...] = ()
         self._before: tuple[SpringForces, ...] = ()
@@ -80,7 +80,7 @@ class AllSprings:
         return [contact.search.displacement_bound(x, moved) for contact in self._contacts]
 
     def fast(self, bounds: Sequence[float]) -> list[tuple[ContactSprings, float]]:
-        """Pairs whose nodes may pass through a surface in a step, with their `bounds`. Local."""
+        """Pairs whose nodes may pass through a surface in a step, with `bounds` of each. Local."""
         both = zip(self.pairs, bounds, strict=True)
         return [
             (springs, bound)

@@ -93,7 +93,7 @@ class NeighbourList:
     @property
     def reach(self) -> float:
         """Largest gap of listed nodes [m]. Local."""
-        return _REACH * self._state.pair.segment_size + self._state.search.sunk
+        return _REACH * self._state.pair.segment_size + self._state.search.initial_depth
 
     def update(self, x: Floats, step: float) -> None:
         """Rebuild the list if other nodes than the listed ones may touch.
@@ -179,10 +179,10 @@ class NeighbourList:
         """Serialize the list, by positions as of `update`. Collective."""
         keys = self._serialized_shared(archive, f"{name}/shared")
         arrays: Sequence[Any] | None = None
-        if not archive.giving and np.isfinite(self._travelled):
+        if not archive.restores and np.isfinite(self._travelled):
             arrays = [self._listed, np.array([self._travelled, self.is_idle]), *self._positions]
         arrays = archive.local(name, arrays)
-        if not archive.giving:
+        if not archive.restores:
             return
         if arrays is None:
             self._rebuild(x, keys)
@@ -194,7 +194,7 @@ class NeighbourList:
         points = self._state.facets.points(self._state.search.frame.at_end(x))
         current = candidates.find(self._state.history.key)
         self._choose(candidates, points, listed, current, keys)
-        self._press(self._state.history.active)
+        self._set_pressing(self._state.history.active)
 
     def _serialized_shared(self, archive: Archive, name: str) -> tuple[Ints, GlobalInts]:
         """Serialize nodes with several segments; return them and the keys of their segments."""
@@ -205,7 +205,7 @@ class NeighbourList:
         if not width:
             return node, key
         keys: GlobalInts = np.full((len(ids), width), -1, dtype=np.int64)
-        if not archive.giving:
+        if not archive.restores:
             keys[node, np.arange(len(node)) - np.searchsorted(node, node)] = key
         keys = archive.nodal(name, ids, keys)
         number, column = np.nonzero(keys >= 0)
@@ -233,7 +233,7 @@ class NeighbourList:
             pressed[self.number[self._pressed >= 0]] = True
         self._travelled, self._positions = 0.0, state.search.positions(x)
         points, x = state.facets.points(x), candidates.scatter.forward(x)
-        near = candidates.near(points, x, margin + state.search.sunk)
+        near = candidates.near(points, x, margin + state.search.initial_depth)
         of_segments = None if self._layers is None else self._layers.of_candidates(candidates)
         has_edges = state.facets.has_edges
         if self._of_cells is not None and (has_edges or of_segments is not None):
@@ -251,10 +251,10 @@ class NeighbourList:
                 arriving = arriving * self._layers.part(faced, in_series=True)
             self.part = np.where(pressed, self.part, arriving)
         self._choose(candidates, points, near, current, keys)
-        self._press(pressed)
+        self._set_pressing(pressed)
         self.is_idle = not reductions.total(self._comm, len(near))
 
-    def _press(self, pressed: Flags) -> None:
+    def _set_pressing(self, pressed: Flags) -> None:
         """Set flags of the nodes that transmitted force in the last state, ``(n,)``."""
         self._pressed = np.where(pressed[self.number], self.current, -1)
 

@@ -27,7 +27,7 @@ from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Candidates, sunk_from
+from dolfinx_nts.search.candidates import Candidates, lost_depth
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
@@ -165,7 +165,7 @@ class ContactSprings:
             node = forces.springs.node
             force[node, np.arange(len(node)) - np.searchsorted(node, node)] = forces.springs.force
         force = archive.nodal(f"{name}/force", state.nodes.node_ids, force)
-        if forces is not None and not archive.giving:
+        if forces is not None and not archive.restores:
             return forces
         history = state.history
         dissipation = _NO_DISSIPATION if state.pair.friction is None else history.dissipation
@@ -242,7 +242,7 @@ class ContactSprings:
             return 0
         candidates, segment = self._neighbours.candidates, before[lost]
         gap = candidates.gap(self._neighbours.points.take(lost), x, segment)
-        (deep,) = (gap < -sunk_from(candidates, segment)).nonzero()
+        (deep,) = (gap < -lost_depth(candidates, segment)).nonzero()
         if not len(deep):
             return 0
         points = self._neighbours.points.take(lost[deep])
@@ -280,7 +280,7 @@ class ContactSprings:
         segment, gap, springs = self._springs(x, begin_at)
         self.num_lost = self._count_lost(x, seen.current, segment)
         if seen.change(x, segment, gap):
-            # Nodes away from free edges keep all of their new segments.
+            # Nodes away from free edges keep all new segments.
             segment, gap, springs = self._springs(x, begin_at, np.inf)
             seen.keep(segment, gap)
         number, stiffness, shared = seen.number, seen.stiffness, nothing.shared

@@ -11,7 +11,7 @@ __all__ = ["VertexSprings"]
 
 
 class VertexSprings(ContactSprings):
-    """Springs at vertices that are deeper below a face than the springs of the given pair.
+    """Springs at vertices that are deeper below a face than the springs of the parent pair.
 
     A spring begins without energy at the activation depth of the vertex or, if the vertex is
     deeper, at its gap at t_n. See `add_vertices`.
@@ -20,22 +20,22 @@ class VertexSprings(ContactSprings):
         state: State of the vertices.
         mass: See `ContactSprings`.
         modulus: See `ContactSprings`.
-        given: Springs of the given pair, which are evaluated first.
+        parent: Springs of the parent pair, which are evaluated first.
     """
 
     _acts_on_areas = False
 
     def __init__(
-        self, state: VertexState, mass: Floats, modulus: Floats, given: ContactSprings
+        self, state: VertexState, mass: Floats, modulus: Floats, parent: ContactSprings
     ) -> None:
         super().__init__(state, mass, modulus)
-        self._vertices, self._given = state, given
+        self._vertices, self._parent = state, parent
 
     def _begin_at(self, x: Floats) -> Floats:
         state, seen = self._vertices, self._neighbours
         history, candidates = state.history, seen.candidates
         depth = np.zeros((candidates.scatter.index_map.size_local, 3))
-        depth[state.given.nodes.nodes] = self._given.compression[:, None]
+        depth[state.parent.nodes.nodes] = self._parent.compression[:, None]
         of_nodes = candidates.scatter.forward(depth)[:, 0]
         near = seen.current >= 0
         node, segment = seen.number[near], seen.current[near]

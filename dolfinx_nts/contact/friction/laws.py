@@ -332,7 +332,7 @@ class SlipWeakening(FrictionLaw):
 
 
 class Tresca(FrictionLaw):
-    """Another law of friction, capped by a shear stress, such as the yield stress in shear.
+    """A law of friction with an upper bound on the shear stress, such as the yield stress in shear.
 
     Args:
         law: The law that is limited; a number is the coefficient of `Coulomb`.
@@ -404,7 +404,7 @@ def _nodal_values(function: fem.Function, V: fem.FunctionSpace, nodes: Ints) -> 
     """Values of a scalar Function at owned nodes of a space, shape ``(n,)``. Local."""
     if function.function_space.mesh != V.mesh:
         raise ValueError(
-            "expected a Function of the mesh of the contact pair, given one of another"
+            "expected a Function of the mesh of the contact pair, given one of another mesh"
         )
     if not len(nodes):
         return np.zeros(0)

@@ -29,7 +29,7 @@ class TractionModel(NamedTuple):
 
     Attributes:
         explicit: Part that does not depend on the normal force p, shape ``(m, 2)`` [N].
-        direction: Factor of p, shape ``(m, 2)`` [-].
+        direction: Derivative with respect to the normal force p, shape ``(m, 2)`` [-].
         stiffness: Derivative with respect to the slip at fixed p, shape ``(m, 2, 2)`` [N/m].
     """
 

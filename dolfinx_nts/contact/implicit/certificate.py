@@ -27,7 +27,7 @@ from dolfinx_nts.contact.vertices import vertex_tolerance
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.search.candidates import sunk_from, too_deep
+from dolfinx_nts.search.candidates import lost_depth, too_deep
 from dolfinx_nts.search.joint_search import JointSearch
 from dolfinx_nts.search.points import ContactPoints
 
@@ -131,7 +131,7 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
         gap, before = search.pairing.gaps(x, node, segment), gap_n[node]
     size = step.state.segment_sizes[node]
     late = gap < np.fmin(before, 0.0) - _LATE * size
-    late &= normal.may_hold(node, before, gap)
+    late &= normal.may_activate(node, before, gap)
     node, gap = node[late], gap[late]
     if not len(node):
         return node, gap
@@ -233,9 +233,9 @@ def passing_without_contact(step: ContactStep, dt: float) -> str:
         dt: Its length [s].
     """
     search = step.search
-    ends, caught = (search.x_n, search.approach.x), search.caught
+    ends, passing = (search.x_n, search.approach.x), search.passing
     passage = Passage.through(
-        search.candidates, search.points, ends, search.start, search.reach, caught
+        search.candidates, search.points, ends, search.start, search.reach, passing
     )
     message = passing_nodes_message(step.state.nodes, passage, dt)
     return f"without contact {message}" if message else ""
@@ -298,9 +298,9 @@ def _without_segment(step: ContactStep) -> int:
     old, search, candidates = step.state.history, step.search, step.search.candidates
     before, now = search.last, search.segment
     deep = old.active & (before >= 0)
-    deep[deep] = old.gap[deep] < -sunk_from(candidates, before[deep])
+    deep[deep] = old.gap[deep] < -lost_depth(candidates, before[deep])
     pressing = step.normal.active.copy()
-    pressing[pressing] = search.gap[pressing] < -sunk_from(candidates, now[pressing])
+    pressing[pressing] = search.gap[pressing] < -lost_depth(candidates, now[pressing])
     node = _numbers(deep | pressing)
     if not len(node):
         return 0
@@ -358,7 +358,7 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
     if not isinstance(law, Tied):
         gap_n, gap = pairs.contact.gap_n[loaded], pairs.contact.gap[loaded]
         opening = np.minimum(gap_n, gap) if isinstance(law, Penalty) else gap
-        opening = opening - normal.held(pairs)[loaded]
+        opening = opening - normal.largest_gaps(pairs)[loaded]
         errors.append(("press across an open gap, by {:.3g} m", opening, _OPEN * size))
         errors.append(("are pulled, by {:.3g} N", -pressure, floor))
     if friction is not None and friction.law == "objective" and not state.pair.has_slip_spring:

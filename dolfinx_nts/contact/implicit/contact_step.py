@@ -15,9 +15,9 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
-from dolfinx_nts.contact.implicit.laws import make_friction, make_normal_contact, make_search
+from dolfinx_nts.contact.implicit.factories import make_friction, make_normal_contact, make_search
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
-from dolfinx_nts.contact.implicit.normal.interface import go_on
+from dolfinx_nts.contact.implicit.normal.interface import start_normal_contact
 from dolfinx_nts.contact.implicit.pair_forces import contribution_of
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
@@ -25,10 +25,10 @@ from dolfinx_nts.fem.components import dimension, in_space, of_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
-__all__ = ["ContactStep", "contact_residual", "go_on_from"]
+__all__ = ["ContactStep", "contact_residual", "start_from"]
 
 # Number of state changes above which the message of a failed step names the node.
-_RESTLESS = 4
+_UNSETTLED = 4
 
 _NONE: Ints = np.empty(0, dtype=np.int32)
 
@@ -196,10 +196,10 @@ class ContactStep:
         self.friction.traction[node] += values[:, 1:]
 
     @property
-    def restless(self) -> Ints:
+    def unsettled(self) -> Ints:
         """Positions of this rank's nodes that changed segment or state repeatedly. Local."""
         flips = self.normal.flips + self.friction.flips
-        nodes: Ints = (self.search.restless | (flips >= _RESTLESS)).nonzero()[0].astype(np.int32)
+        nodes: Ints = (self.search.unsettled | (flips >= _UNSETTLED)).nonzero()[0].astype(np.int32)
         return nodes
 
     def _kinematics(self, x: Floats, iteration: int) -> tuple[PairKinematics, int]:
@@ -276,7 +276,7 @@ def contact_residual(
     return of_space(total, shape[1]).ravel()
 
 
-def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> None:
+def start_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> None:
     """Start from the segments and active sets at the end of other attempts. Local.
 
     Args:
@@ -284,6 +284,6 @@ def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> N
         others: Earlier attempts at the same step, of the same pairs.
     """
     for step, other in zip(steps, others, strict=True):
-        step.search.go_on_from(other.search)
-        go_on(step.normal, other.normal)
-        step.friction.go_on_from(other.friction)
+        step.search.start_from(other.search)
+        start_normal_contact(step.normal, other.normal)
+        step.friction.start_from(other.friction)

@@ -79,8 +79,7 @@ class PairKinematics:
         Args:
             slip: Slips of the pairs. In prescribed directions, round-off is set to 0.
             never_sticks: Flags of pairs on an axis of symmetry, without friction, shape ``(m,)``.
-            still: Lengths of slip that count as zero under constraints, shape ``(m,)`` [m]; None
-                for springs.
+            still: Slip below which a constrained node sticks, shape ``(m,)`` [m]; None for springs.
         """
         self.slip = slip
         self.force[:, 1:] = slip.force
@@ -91,36 +90,36 @@ class PairKinematics:
             # All displacements of a sticking node are eliminated.
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1) & ~never_sticks
             if still is not None and self.fixed.any():
-                self._leave_out_given(self._free, still)
+                self._remove_prescribed_slip(self._free, still)
         self.excess[:, 1:] = slip.value
 
-    def held(self, dim: int) -> Flags | None:
-        """Components in which nodes are held, if they are free in others. Local.
+    def fixed_components(self, dim: int) -> Flags | None:
+        """Flags of the fixed components of partly fixed nodes. Local.
 
         Returns:
             Flags of the ``dim`` components of displacements, shape ``(m, nodes, dim)``; None if no
-            node of the surface of nodes is held so.
+            node of the nodal surface is partly fixed.
         """
         if self._free is None:
             return None
-        held: Flags = self._free.reshape(*self.dofs.shape, 3)[:, :, :dim] == 0
-        held &= ~held.all(axis=2, keepdims=True)
-        return held if held[:, 0].any() else None
+        is_fixed: Flags = self._free.reshape(*self.dofs.shape, 3)[:, :, :dim] == 0
+        is_fixed &= ~is_fixed.all(axis=2, keepdims=True)
+        return is_fixed if is_fixed[:, 0].any() else None
 
-    def leave_out_across(self, held: Flags, on_segments: Flags, x: Floats) -> None:
-        """Remove slip across planes of symmetry, on which node and segments are held. Local.
+    def remove_slip_across(self, is_fixed: Flags, on_segments: Flags, x: Floats) -> None:
+        """Remove slip normal to planes of symmetry that contain node and segments. Local.
 
         Around a node on such a plane the other half of the bodies slips in the opposite direction.
 
         Args:
-            held: See `held`.
+            is_fixed: See `fixed_components`.
             on_segments: Whether entries of `dofs` are nodes of segments, of the same shape.
             x: Positions of the nodes, shape ``(l, 3)`` [m].
         """
-        dim = held.shape[2]
+        dim = is_fixed.shape[2]
         away = np.abs(x[self.dofs, :dim] - x[self.dofs[:, :1], :dim])
         is_level = away <= _NO_FREEDOM * away.max(axis=(1, 2), keepdims=True)
-        across = held[:, 0] & (held & is_level & on_segments[:, :, None]).any(axis=1)
+        across = is_fixed[:, 0] & (is_fixed & is_level & on_segments[:, :, None]).any(axis=1)
         if not across.any():
             return
         kept = np.tile(np.eye(2), (len(self.node), 1, 1))
@@ -140,7 +139,7 @@ class PairKinematics:
         for rows in (self.columns, self.gradients):
             rows[:, 1:] = kept @ rows[:, 1:]
 
-    def _leave_out_given(self, free: Floats, still: Floats) -> None:
+    def _remove_prescribed_slip(self, free: Floats, still: Floats) -> None:
         """Remove slip directions without unknown displacements, or of zero length.
 
         Round-off would determine multipliers of directions normal to a plane of symmetry. Arguments
@@ -164,7 +163,7 @@ class PairKinematics:
         return self.blocks.dofs
 
     @property
-    def is_given(self) -> Flags:
+    def is_prescribed(self) -> Flags:
         """Whether the gap depends only on prescribed displacements, shape ``(m,)``."""
         if self._free is None:
             return np.zeros(len(self.node), dtype=bool)
@@ -191,8 +190,8 @@ class ContactContribution(NamedTuple):
     Attributes:
         pairs: The pairs and their kinematics.
         active: Whether a pair transmits force, shape ``(m,)``.
-        rank: Number of constraints, shape ``(m,)``: 0 inactive or penalty, 1 normal, all
-            components of the space normal and stick.
+        rank: Number of constraints, shape ``(m,)``: 0 if inactive or with springs, 1 for the normal
+            constraint, the dimension of the space for normal and stick constraints.
         columns: Force per multiplier, shape ``(m, 3, d)``; the normal one includes the friction
             proportional to it.
         slopes: Derivative of multipliers and tractions with respect to gap and slip, for springs

@@ -16,7 +16,7 @@ _LEAST_SHARE = 0.25
 
 
 class EdgePairing(NodePairing):
-    """Pairs of the carrier nodes of edges and the edges that cross these.
+    """Pairs of a sharp edge, represented by its carrier node, and an edge that crosses it.
 
     The force of a pair acts on both ends of the edge. The displacement of the carrier is eliminated
     only if its weight is not small.

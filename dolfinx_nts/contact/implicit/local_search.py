@@ -28,7 +28,7 @@ __all__ = [
     "LocalSearch",
     "StaticSearch",
     "may_face",
-    "sunk",
+    "penetrated_nodes",
 ]
 
 # Number of segment changes of a node in a step after which it keeps the last segment.
@@ -53,14 +53,17 @@ def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bo
         increment: Largest ballistic displacement increment of a node, the same on all ranks [m].
     """
     near = isinstance(state, JointState) or state.search.is_near(
-        x_n, (_REACH + 1) * increment + _kernels.DEEPEST * state.longest_segment + state.search.sunk
+        x_n,
+        (_REACH + 1) * increment
+        + _kernels.DEEPEST * state.longest_segment
+        + state.search.initial_depth,
     )
     comm: MPI.Comm = state.nodes.V.mesh.comm
     return reductions.anywhere(comm, near or bool(np.any(state.history.key != -1)))
 
 
 class Approach(NamedTuple):
-    """Segments and gaps of the nodes in the ballistic state, without contact forces.
+    """Segments and gaps of the nodes in the ballistic state x_n + h v_n, without contact forces.
 
     Attributes:
         segment: Segment in the ballistic state, or else at t_n, or -1, shape ``(n,)``.
@@ -97,7 +100,7 @@ class LocalSearch:
         segment: Current segment of each node or -1, shape ``(n,)``.
         gap: Gap to the current segment, NaN without one, shape ``(n,)`` [m].
         approach: Segments and gaps in the ballistic state.
-        caught: Flags of nodes that would pass through a segment in the trial motion, shape
+        passing: Flags of nodes that would pass through a segment in the trial motion, shape
             ``(n,)``.
         pairing: Evaluation of nodes and their segments.
         shared: Segments of the nodes that are equally near to several.
@@ -111,16 +114,16 @@ class LocalSearch:
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         comm: MPI.Comm = state.nodes.V.mesh.comm
         for member in members(state):
-            member.rise()
+            member.reduce_initial_depth()
         self._x_in_space, self._members, self._ends = x_n, members(state), state.ends
         frame = state.search.frame
         x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
         # Largest ballistic displacement increment of a node [m].
         self._increment: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Depth [m] down to which nodes keep their segments.
-        deepest = _kernels.DEEPEST * state.longest_segment + state.search.sunk
+        deepest = _kernels.DEEPEST * state.longest_segment + state.search.initial_depth
         self.reach = _REACH * self._increment + deepest
-        reach = self.reach + self._beyond(state.pair)
+        reach = self.reach + self._additional_reach(state.pair)
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
         self.points = points = state.facets.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
@@ -146,8 +149,8 @@ class LocalSearch:
         gap_trial[several] = pairing.gaps(trial, several, met[several])
         met[several] = segment_n[several]
         # A node that would be too deep for the search gets the segment through which it enters.
-        self.caught: Flags = np.zeros(len(met), dtype=bool)
-        self._catch(trial, met, gap_trial)
+        self.passing: Flags = np.zeros(len(met), dtype=bool)
+        self._assign_entered(trial, met, gap_trial)
         # The gap at t_n is the gap to the segment in the ballistic state.
         gap_n = gap.copy()
         moved = ((met >= 0) & (met != segment_n)).nonzero()[0].astype(np.int32)
@@ -158,16 +161,16 @@ class LocalSearch:
         self.gap: Floats = gap.copy()
         self._moves: Ints = np.zeros(len(self.segment), dtype=np.int32)
 
-    def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
-        """Set segment ``met`` and ``gap_trial`` of nodes that would pass through a segment."""
+    def _assign_entered(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
+        """Assign the segment through which a node would pass: set ``met`` and ``gap_trial``."""
         if self._increment <= self.candidates.passage.min(initial=np.inf) / 2:
             return
         node = (~(self.start[1] > 2 * self._increment)).nonzero()[0].astype(np.int32)
         none = np.full(len(node), -1, dtype=np.int32)
         paths = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
-        caught = paths.passes(self.candidates.size) | ((paths.entered >= 0) & (met[node] < 0))
-        met[node[caught]], gap_trial[node[caught]] = paths.entered[caught], paths.gap[caught]
-        self.caught[node[caught]] = True
+        passing = paths.passes(self.candidates.size) | ((paths.entered >= 0) & (met[node] < 0))
+        met[node[passing]], gap_trial[node[passing]] = paths.entered[passing], paths.gap[passing]
+        self.passing[node[passing]] = True
 
     def _find_again(self, x: Floats, node: Ints, segment: Ints, gap: Floats) -> Flags:
         """Find the nearest segments of some nodes again, among the neighbours of their segments.
@@ -223,8 +226,8 @@ class LocalSearch:
         return found
 
     @staticmethod
-    def _beyond(pair: ContactPair) -> float:
-        """Length added to the search radius [m]."""
+    def _additional_reach(pair: ContactPair) -> float:
+        """Length added to the search radius, such as that of edges [m]."""
         return 0.0
 
     @property
@@ -292,20 +295,20 @@ class LocalSearch:
             self._count(node, moved)
         return segment, moved
 
-    def reproject(self, x: Floats, node: Ints, held: Flags, converged: bool) -> tuple[int, bool]:
+    def reproject(self, x: Floats, node: Ints, active: Flags, converged: bool) -> tuple[int, bool]:
         """Find the segments of nodes in equilibrium. Collective.
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
             node: Indices of nodes of the surface, shape ``(m,)``.
-            held: Flags of the nodes that transmit force, shape ``(m,)``.
+            active: Flags of the nodes that transmit force, shape ``(m,)``.
             converged: Whether Newton's method has converged; otherwise x is only near an
                 equilibrium.
 
         Returns:
             The number of changed segments on this rank, and whether the contact points changed.
         """
-        self._moves[self._left_inside(x, node[~held])] = _MOST_MOVES - 1
+        self._moves[self._left_inside(x, node[~active])] = _MOST_MOVES - 1
         _, moved = self._find(x, node, self._overhang)
         self._count(node, moved)
         return int(np.count_nonzero(moved)), False
@@ -319,11 +322,11 @@ class LocalSearch:
         node = node[self._moves[node] >= _MOST_MOVES]
         if not len(node):
             return node
-        inside, segment, _ = sunk(self, x, node, TOUCHES)
+        inside, segment, _ = penetrated_nodes(self, x, node, TOUCHES)
         others: Ints = inside[segment != self.segment[inside]]
         return others
 
-    def go_on_from(self, other: "LocalSearch") -> None:
+    def start_from(self, other: "LocalSearch") -> None:
         """Start with the segments at the end of another attempt at the same step.
 
         Segments outside the search radius are replaced by those of this attempt. Mortar points are
@@ -357,7 +360,7 @@ class LocalSearch:
             current = self.segment[free]
         slid = self._slid(x, free, slack) if self._shares else free[:0]
         found, gap = self.candidates.pair(self.points.take(free), x, current, self.reach, slack)
-        lost = ((found < 0) & self.caught[free]).nonzero()[0]
+        lost = ((found < 0) & self.passing[free]).nonzero()[0]
         if len(lost):
             found[lost] = self.approach.segment[free[lost]]
             gap[lost] = self.candidates.gap(self.points.take(free[lost]), x, found[lost])
@@ -383,7 +386,7 @@ class LocalSearch:
             self._moves[node] += moved
 
     @property
-    def restless(self) -> Flags:
+    def unsettled(self) -> Flags:
         """Flags of nodes that keep their segment after too many changes, shape ``(n,)``."""
         flags: Flags = self._moves >= _MOST_MOVES
         return flags
@@ -398,7 +401,9 @@ class StaticSearch(LocalSearch):
     _sharing = _kernels.HYSTERESIS
 
 
-def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints, Ints, Floats]:
+def penetrated_nodes(
+    search: LocalSearch, x: Floats, node: Ints, least: float
+) -> tuple[Ints, Ints, Floats]:
     """Select the nodes that have penetrated their segments within the step. Local.
 
     Args:

@@ -80,7 +80,7 @@ class PairBlocks(ABC):
         normal: Floats,
         gradients: Floats,
         gap: Floats,
-        held: Flags,
+        moves: Flags,
         farthest: Floats,
         u: Floats,
     ) -> None:
@@ -90,7 +90,7 @@ class PairBlocks(ABC):
             normal: Normals of the nodes, shape ``(m, 3)``.
             gradients: Gradients, gaps first, shape ``(m, c, 3 d)``.
             gap: Gaps, shape ``(m,)`` [m].
-            held: Flags of pairs whose nodes move, shape ``(m,)``.
+            moves: Flags of pairs whose nodes move, shape ``(m,)``.
             farthest: Largest displacements, ``(m,)`` [m]; nodes that would move farther are not
                 moved.
             u: Displacements of the owned nodes, shape ``(n, d)`` [m], changed in place.
@@ -144,9 +144,9 @@ class OwnBlocks(PairBlocks):
         normal: Floats,
         gradients: Floats,
         gap: Floats,
-        held: Flags,
+        moves: Flags,
         farthest: Floats,
         u: Floats,
     ) -> None:
         normal = normal[:, : u.shape[1]]
-        _kernels.close_gaps(self.dofs[:, 0], held, gap, normal, gradients, farthest, u)
+        _kernels.close_gaps(self.dofs[:, 0], moves, gap, normal, gradients, farthest, u)

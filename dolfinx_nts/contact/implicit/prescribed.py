@@ -23,7 +23,7 @@ def prescribed_nodes(step: ContactStep, last: ContactContribution) -> Ints:
         Indices among the nodes of the step.
     """
     pairs = last.pairs
-    found = pairs.is_given
+    found = pairs.is_prescribed
     if found.any():
         # Negated, to include NaN.
         found &= ~(np.abs(pairs.excess[:, 0]) <= _CLOSED * step.candidates.size[pairs.segment])

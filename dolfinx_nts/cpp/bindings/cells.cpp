@@ -93,7 +93,7 @@ private:
           (std::string(name) + ": expected all values of each node").c_str());
   }
 
-  /// @brief One more than the largest entry.
+  /// @brief Largest entry plus 1: the least valid number of rows.
   static std::size_t largest(const char* name, const Ints& numbers)
   {
     std::size_t end = 0;

@@ -123,7 +123,8 @@ private:
   Doubles _value;
   In<std::int32_t> _places;
   Schwarz _schwarz;
-  std::size_t _num_places = 0; // rows of vectors that have values for columns
+  std::size_t _num_places
+      = 0; // number of vector rows that have values of columns
 };
 } // namespace
 

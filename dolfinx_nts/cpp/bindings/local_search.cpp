@@ -423,7 +423,8 @@ private:
   Ints _vertices;
   Doubles _orientation;
   Keys _key;
-  std::vector<std::int32_t> _first; // segment of each group, and their number
+  std::vector<std::int32_t>
+      _first; // first segment of each group, and number of segments
   std::vector<CachedTree> _trees;
   std::vector<double> _sunk; // depth of initially penetrating nodes [m]
   bool _in_dents = false;    // whether nodes below concave edges keep a segment

@@ -47,7 +47,7 @@ from dolfinx_nts.model.layers import nodal_moduli
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.meeting import meet
+from dolfinx_nts.parallel.collective_calls import meet
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __all__ = ["CentralDifference", "check_scope"]
@@ -158,9 +158,8 @@ class CentralDifference(Stepper):
     ) -> None:
         if self.scheme is not CentralDifference.scheme:
             raise TypeError(
-                f"expected no attribute scheme of {type(self).__name__}, as central differences "
-                "are not changed by it, and explicit schemes of your own are not supported: a "
-                "scheme of your own is one of an ImplicitStepper"
+                f"expected no attribute scheme of {type(self).__name__}, which "
+                "CentralDifference ignores: derive from ImplicitStepper for a scheme of your own"
             )
         pairs = tuple(map(self._with_defaults, instances(ContactPair, pairs)))
         check_scope(bodies, pairs)
@@ -176,7 +175,7 @@ class CentralDifference(Stepper):
         ghosts = [f.x for f in moving] if self._comm.size > 1 else []
         functions = self.u_n, self.u, self.v, self._bulk.rate
         self._drift = Drift(functions, self.supports, self._rigid, ghosts)
-        mobility: Floats = np.where(self._drift.given, 0.0, 1 / self.mass[:, None])
+        mobility: Floats = np.where(self._drift.is_prescribed, 0.0, 1 / self.mass[:, None])
         mobility[self._rigid.nodes] = 0.0
         vertices = add_vertices(self.contacts, (), is_static=False)
         modulus = nodal_moduli(bodies, len(self.mass))
@@ -199,14 +198,14 @@ class CentralDifference(Stepper):
     def serialize(self, archive: Archive) -> None:
         """Serialize the state and the forces, which are then not evaluated again."""
         super().serialize(archive)
-        if archive.giving:
+        if archive.restores:
             self.cell_energies = None
             self._begin(self.t, self.t)
             self._rigid.restored()
         self._stability.serialize(archive)
         self.stable_step = archive.same("stable_step", self.stable_step)
         self._forces.serialize(archive, self.node_ids, self.x)
-        if archive.giving and not self._forces.known:
+        if archive.restores and not self._forces.known:
             self._state_was_set()
 
     def nodal_momentum(self) -> Floats:
@@ -241,7 +240,7 @@ class CentralDifference(Stepper):
         self._springs.forget()
 
     def _check_state(self) -> None:
-        # If forces are known, `_move` detects values that are not finite.
+        # If forces are known, `_move` already detects values that are not finite.
         if not self._forces.known:
             super()._check_state()
             _, u, v, *_ = self._drift.arrays
@@ -249,7 +248,7 @@ class CentralDifference(Stepper):
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
         super()._set(function, body, value)
-        self._rigid.given(body, function.name)
+        self._rigid.mark_set(body, function.name)
 
     def _begin(self, t_n: float, t: float) -> None:
         super()._begin(t_n, t)
@@ -289,7 +288,7 @@ class CentralDifference(Stepper):
         if not self._forces.known:
             self._start()
         dt, bulk, forces, rigid = self.dt, self._bulk, self._forces, self._rigid
-        given = self._drift.given
+        given = self._drift.is_prescribed
         _, _, v, rate, du = self._drift.arrays
         moved, bound = self._move()
         bounds = [bound] * len(self._springs.pairs)
@@ -404,8 +403,8 @@ class CentralDifference(Stepper):
 
     def _check_stability(self, v: Floats) -> None:
         """Raise if springs are too soft, the step is unstable, or the energy has grown."""
-        if sunk := self.watch.springs.sunk(self.x):
-            self._refuse(f"{sunk}, which stiffer springs (eps_N) prevent")
+        if pushed := self.watch.springs.pushed_through(self.x):
+            self._refuse(f"{pushed}, which stiffer springs (eps_N) prevent")
         self.watch.measure_about(v)
         self.stable_step, _ = self._stability.longest_steps(self.x)
         if self.dt > self._stability.limit:

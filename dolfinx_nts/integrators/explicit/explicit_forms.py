@@ -64,7 +64,7 @@ class ExplicitBulk:
 
     Attributes:
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
-        rate: Velocity on which damping acts.
+        rate: Velocity from which damping forces are computed.
         internal: Internal forces.
         loads: Forces of the loads.
         damping: Damping forces; empty without damping.
@@ -161,7 +161,7 @@ class PresentForces:
         self.known = False
 
     def begin(self) -> None:
-        """Start from the last evaluation, at a state that was set."""
+        """Set accelerations and power of a new state from the last evaluation of the forces."""
         total = self._bulk.total
         self._springs.accept()
         np.multiply(self._mobility, total, out=self.acceleration)
@@ -199,7 +199,7 @@ class PresentForces:
             force[:] = archive.nodal(f"force/{number}", node_ids, force)
         # The sum is stored, as another order of summation would change its last digit.
         self.strain_energy = archive.same("strain_energy", self.strain_energy)
-        stored = archive.local("power", None if archive.giving else [np.array(self.power)])
+        stored = archive.local("power", None if archive.restores else [np.array(self.power)])
         computed = np.vdot(self._bulk.total, self.acceleration)
         self.power = float(computed if stored is None else stored[0])
         self._springs.serialize(archive, x)

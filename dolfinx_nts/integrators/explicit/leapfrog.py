@@ -176,7 +176,7 @@ class RigidLeapfrog(RigidStates):
             du: Increments [m], overwritten at rigid bodies.
 
         Returns:
-            Reason why the step is refused, or "".
+            Reason for which the step is refused, or "".
         """
         if not self.exists:
             return ""
@@ -248,7 +248,7 @@ class Drift:
     Attributes:
         arrays: Values of the four functions and the displacement increment at the owned nodes,
             each of shape ``(n, d)``.
-        given: Flags of the prescribed displacements at the owned nodes, shape ``(n, d)``.
+        is_prescribed: Flags of the prescribed displacements at the owned nodes, shape ``(n, d)``.
     """
 
     def __init__(
@@ -265,8 +265,8 @@ class Drift:
         u_n, end, v, rate = (nodal(f)[:n] for f in functions)
         self.arrays: tuple[Floats, ...] = (u_n, end, v, rate, np.empty_like(end))
         self._supports, self._rigid = supports, rigid
-        self.given = np.zeros((n, dimension(V)), dtype=bool)
-        self.given.ravel()[supports.fixed] = True
+        self.is_prescribed = np.zeros((n, dimension(V)), dtype=bool)
+        self.is_prescribed.ravel()[supports.fixed] = True
 
     def move(self, dt: float, a: Floats, forces: Floats, about: Floats) -> tuple[float, float, str]:
         """Set displacements at the end of a step and velocities in the middle.
@@ -293,7 +293,7 @@ class Drift:
         if supports.exist:
             self._u[:] = supports.applied(self._u)
             np.subtract(u, u_n, out=du)
-            rate[self.given] = du[self.given] / dt
+            rate[self.is_prescribed] = du[self.is_prescribed] / dt
         if rigid.exists or supports.exist:
             longest = float(np.linalg.norm(du, axis=1).max(initial=0.0))
             moved = relative = longest if math.isfinite(moved) else moved

@@ -81,7 +81,7 @@ class Stability:
         self._springs, self._mass = springs, mass
         # Squared angular frequency of springs with a given stiffness [1/s^2]; and longest step
         # relative to the estimate [-].
-        self._given = self._contact()
+        self._given_springs = self._contact()
         self._part = _WITH_SPRINGS if any(each.is_open for each in springs) else 1.0
         self.limit, self.smallest = math.inf, 0.0
         # Initial energy, work since then, and sum of its magnitudes [J].
@@ -103,7 +103,7 @@ class Stability:
         Neither depends on the default springs. Also sets `limit`.
         """
         bulk, self.smallest = self._cells.limits(x)
-        estimate = largest_step(bulk + self._given, self._damping)
+        estimate = largest_step(bulk + self._given_springs, self._damping)
         longest = self._part * estimate
         is_chosen = not any(springs.is_open for springs in self._springs)
         present = bulk + self._contact()
@@ -113,7 +113,7 @@ class Stability:
     def choose_penalties(self, x: Floats, dt: float) -> None:
         """Choose default springs, at most as stiff as dt [s] allows, and set `limit`."""
         bulk, _ = self._cells.limits(x)
-        squared = (self._damping.highest(dt) - bulk - self._given) / 2
+        squared = (self._damping.highest(dt) - bulk - self._given_springs) / 2
         for springs in self._springs:
             springs.choose_penalty(squared)
         self.longest_steps(x)
@@ -157,7 +157,7 @@ class Stability:
 
 
 class Cells:
-    """Highest frequency and least length of all cells.
+    """Highest frequency and smallest length of all cells.
 
     The length of a cell is twice the least radius of gyration of its nodes: the edge length for a
     cube of degree 1 (`cpp/nts/geometry/cell_length.h`).
@@ -245,7 +245,7 @@ def cell_frequency(material: Hyperelastic, x: Floats, moduli: Floats | None = No
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
-    d, D = x.shape[2], _given(moduli, material, len(x))
+    d, D = x.shape[2], _moduli_or_default(moduli, material, len(x))
     basis = strain_basis()[:, :d, :d]  # plane strain in two dimensions
     squared: Floats = np.empty(len(x))
     for block in np.split(np.arange(len(x)), range(_BLOCK, len(x), _BLOCK)):
@@ -277,7 +277,7 @@ def highest_frequency(
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
-    d, D = x.shape[2], _given(moduli, material, len(x))
+    d, D = x.shape[2], _moduli_or_default(moduli, material, len(x))
     basis = strain_basis()  # plane strain in two dimensions
     points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
     values, *slopes = element.basix.tabulate(1, points)[..., 0]
@@ -329,6 +329,6 @@ def _moments(x: Floats) -> Floats:
     return moments
 
 
-def _given(moduli: Floats | None, material: Hyperelastic, n: int) -> Floats:
+def _moduli_or_default(moduli: Floats | None, material: Hyperelastic, n: int) -> Floats:
     """Given moduli, or those of a material in n cells with one point each, see `cell_frequency`."""
     return np.broadcast_to(material.moduli, (n, 1, 6, 6)) if moduli is None else moduli

@@ -76,7 +76,7 @@ class Start:
     Attributes:
         name: Name in error messages.
         u: Admissible displacements of the local dofs, shape ``(d l,)`` [m].
-        guess: Displacements before the projection on admissible ones.
+        guess: Displacements before the projection on admissible displacements.
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
         most_long: Number of increments longer than half of the smallest cell after which the
             attempt fails; None if there is no limit.

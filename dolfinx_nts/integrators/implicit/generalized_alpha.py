@@ -74,9 +74,9 @@ class Newmark:
             )
         if self.beta < self.gamma / 2 - _ROUNDING or self.gamma < 0.5 - _ROUNDING:
             raise ValueError(
-                "expected beta of Newmark >= gamma/2 and gamma >= 1/2, otherwise only short steps "
-                f"are stable, given {self.beta:g} and {self.gamma:g}; CentralDifference is for "
-                "such steps"
+                "expected beta of Newmark >= gamma/2 and gamma >= 1/2, as otherwise only short "
+                f"steps are stable, given {self.beta:g} and {self.gamma:g}: use larger parameters, "
+                "or CentralDifference for short steps"
             )
         if max(self.alpha_m, self.alpha_f) > 0.5 + _ROUNDING:
             raise ValueError(

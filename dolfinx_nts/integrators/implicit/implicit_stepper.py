@@ -222,10 +222,10 @@ class ImplicitStepper(Stepper):
         self._forces.serialize(archive)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
-        if archive.giving:
+        if archive.restores:
             self._bulk.rigid.restored()
 
-    def adopt(
+    def copy_state(
         self,
         archive: Archive,
         contacts: Mapping[int, str],
@@ -234,7 +234,7 @@ class ImplicitStepper(Stepper):
         same_bodies: bool,
     ) -> None:
         """Copy the state of another scene, and its rates if the scheme is the same."""
-        super().adopt(archive, contacts, same_scheme=same_scheme, same_bodies=same_bodies)
+        super().copy_state(archive, contacts, same_scheme=same_scheme, same_bodies=same_bodies)
         if same_scheme:
             self._rates.serialize(archive, self.node_ids)
 
@@ -250,7 +250,7 @@ class ImplicitStepper(Stepper):
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
         super()._set(function, body, value)
-        self._bulk.rigid.given(body, function.name)
+        self._bulk.rigid.mark_set(body, function.name)
 
     def _state_was_set(self) -> None:
         self._rates.forget()
@@ -390,7 +390,7 @@ class ImplicitStepper(Stepper):
     def _checked_report(
         self, steps: Sequence[ContactStep], solution: newton.Solution, problem: StepProblem
     ) -> NewtonReport:
-        """Report of an attempt, with the reason why its solution is rejected, if any."""
+        """Report of an attempt, with the reason if its solution is rejected."""
         report = solution.report
         if not report.converged:
             return report
@@ -431,7 +431,7 @@ class ImplicitStepper(Stepper):
         with self.timings.phase("passage"):
             return (
                 next(filter(None, reasons), "")
-                or self.watch.springs.sunk(self.x)
+                or self.watch.springs.pushed_through(self.x)
                 or self.watch.vertices.check(x_n, self.x, self._increment)
                 or check_boundaries(
                     *(self.watch.overlaps, steps, (x_n, self.x)),
@@ -441,7 +441,7 @@ class ImplicitStepper(Stepper):
             )
 
     def _forces_at_start(self) -> Floats:
-        """Residual at t with the loads and contact springs at t, on the owned dofs [N]."""
+        """Residual with loads and contact springs at the time t, on the owned dofs [N]."""
         self._load_at(0.0)
         forces: Floats = self._bulk.forces() + self._step_solver.spring_forces(self.x)
         self._load_at(self.scheme.load_point)

@@ -29,8 +29,8 @@ class VelocityUpdate(NamedTuple):
     Attributes:
         defect: Return value of `Rates.accept` on this rank [J].
         work: Energy given to the bodies by the update [J], the same on all ranks.
-        reactions: Additional reaction of each support due to the update, the same on all ranks; may
-            be empty.
+        reactions: Additional reaction of each support due to the update, the same on all ranks;
+            empty if there is none.
     """
 
     defect: float

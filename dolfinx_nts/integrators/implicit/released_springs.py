@@ -107,7 +107,7 @@ class ReleasedSprings:
         gradient = np.nan_to_num(gradient)
         nodes = candidates.segments
         if isinstance(candidates, FacetCandidates):  # facets of degree 2, or smooth patches
-            nodes = candidates.wholes
+            nodes = candidates.facet_nodes
         dofs = points.dofs(nodes.take(segment, axis=0))
         forces = (size[:, None] * gradient).reshape(*dofs.shape, 3)
         scatter.add(self._force, dofs, forces)

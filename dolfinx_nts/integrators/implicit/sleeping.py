@@ -141,7 +141,7 @@ class SleepingBodies:
         self._leave_out(frozenset(candidates))
 
     def must_wake(self, steps: Sequence[ContactStep]) -> bool:
-        """Wake all bodies if contact has reached a sleeping one; returns whether it has."""
+        """Wake all bodies if contact has reached a sleeping one; return whether it has."""
         touched = {
             pair
             for step in steps
@@ -154,7 +154,7 @@ class SleepingBodies:
         return reached
 
     def _balanced(self, groups: Sequence[_Group], u_n: Floats) -> set[_Group]:
-        """Groups that are in equilibrium at u_n."""
+        """Groups of bodies that are in equilibrium at u_n."""
         bulk = self._bulk
         u = bulk.u.x.array
         before = u.copy()

@@ -64,7 +64,7 @@ class StepForces:
         return total
 
     def stays(self, load: float) -> bool:
-        """Whether the norm ``load`` of the loads [N] is the same as in the last step. Local."""
+        """Whether the norm ``load`` of the loads [N] equals that of the last step. Local."""
         return abs(load - self.load) <= _SAME_LOAD * load
 
     def scale(self, load: float, v: Floats, dt: float) -> float:
@@ -93,7 +93,7 @@ class StepWorks(NamedTuple):
         damping: Work of damping and of viscous branches, never positive [J].
         solver: Work of the remaining residual of Newton's method [J].
         inertia: Change of kinetic energy minus the work of all forces [J].
-        open_gaps: Upper bound on the work of multipliers on gaps within tolerance [J].
+        open_gaps: Upper bound on the work of multipliers by the gaps left within tolerance [J].
         kinetic: Kinetic energy before and after the step, with lumped masses [J].
         loads: Work of each load [J].
         num_segments: Number of candidate segments.

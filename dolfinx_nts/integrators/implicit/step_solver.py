@@ -11,7 +11,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.certificate import missed_contact
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, go_on_from
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, start_from
 from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.joint_state import JointState, joint_states
 from dolfinx_nts.contact.pair_state import PairState
@@ -87,7 +87,7 @@ class StepSolver:
         free: Sequence[FreeBody] = ()
         if self._is_static:
             free = find_free_bodies(bodies, bulk, tangent, X)
-        self.relief = InertiaRelief(free, tangent, self.mass, bulk.given.reshape(n, dim))
+        self.relief = InertiaRelief(free, tangent, self.mass, bulk.is_prescribed.reshape(n, dim))
         if free:
             bulk.stabilisation = self.relief.resistance
             tangent.shift = self.relief.shift
@@ -141,7 +141,7 @@ class StepSolver:
         with timings.phase("contact"):
             steps = self._contact_steps(problem, start.begins_sticking)
             if after:
-                go_on_from(steps, after)
+                start_from(steps, after)
         # Bodies supported only by contact may move far until they touch others.
         if not (all_awake or self.relief.bodies):
             self.sleeping.find(rates.v.x.array, rates.u_n.x.array, steps)
@@ -171,7 +171,7 @@ class StepSolver:
         return missed_contact(steps, self.sleeping.states, ends, farthest, repeat)
 
     def spring_forces(self, x: Floats) -> Floats:
-        """Forces of contact springs in a state at rest, with their friction at its start.
+        """Forces of contact springs at the current positions, with the friction of the last step.
 
         Multipliers have no force that follows from the state.
 
@@ -191,7 +191,7 @@ class StepSolver:
         return contact_residual(steps, states, shape)
 
     def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:
-        """Contact of the pairs that may touch, at the start of an attempt."""
+        """Create the `ContactStep` of each pair that may touch in the step."""
         x_n, x_trial = problem.x_n, problem.x_trial
         states: Sequence[PairState | JointState] = self.sleeping.states
         if not self._is_static:

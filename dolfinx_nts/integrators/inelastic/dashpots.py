@@ -85,7 +85,7 @@ class Dashpots(MaterialMemory):
     def work(self, parameters: Any, eta: Any) -> Any:
         strain = ufl.zero(3, 3)
         for number, branch in enumerate(self._material.branches):
-            share, time = self._numbers(branch)
+            share, time = self._branch_constants(branch)
             gamma_n = symmetric_tensor(self._strains.start, 6 * number)
             lag = self._mean - gamma_n
             strain += share * time / (time + self._step.theta * self._step.dt) * lag
@@ -93,21 +93,24 @@ class Dashpots(MaterialMemory):
         return ufl.inner(P, gradient(eta))
 
     def elastic_work(self, parameters: Any, eta: Any) -> Any:
-        shares = (self._numbers(branch)[0] for branch in self._material.branches)
+        shares = (self._branch_constants(branch)[0] for branch in self._material.branches)
         strains = self._springs(self._mean, self._strains.end)
         strain = sum(share * strain for share, strain in zip(shares, strains, strict=True))
         P = self._F * self._material.shape_stress(strain, **parameters)
         return ufl.inner(P, gradient(eta))
 
     def stiffness(self, parameters: Any, rate: Any) -> Any:
-        numbers, theta = [self._numbers(b) for b in self._material.branches], self._step.theta
+        numbers, theta = (
+            [self._branch_constants(b) for b in self._material.branches],
+            self._step.theta,
+        )
         factor = sum(s * t / (t + theta * self._step.dt) for s, t in numbers)
         return theta * factor * self._material.shape_stress(rate, **parameters)
 
     def dissipation(self, parameters: Any) -> Any:
         total, dt = ufl.as_ufl(0), self._step.dt
         for number, branch in enumerate(self._material.branches):
-            share, time = self._numbers(branch)
+            share, time = self._branch_constants(branch)
             gamma_n = symmetric_tensor(self._strains.start, 6 * number)
             change = dt / (time + self._step.theta * dt) * (self._mean - gamma_n)
             stress = self._material.shape_stress(change, **parameters)
@@ -122,7 +125,7 @@ class Dashpots(MaterialMemory):
 
     def stress(self, parameters: Any, C: Any) -> tuple[Any, Any]:
         strains = self._springs(_strain(C), self._of_cells.function)
-        shares = (self._numbers(branch)[0] for branch in self._material.branches)
+        shares = (self._branch_constants(branch)[0] for branch in self._material.branches)
         total = sum(share * strain for share, strain in zip(shares, strains, strict=True))
         energy = self._stored(parameters, strains)
         return self._material.shape_stress(total, **parameters), energy
@@ -137,14 +140,14 @@ class Dashpots(MaterialMemory):
 
     def _stored(self, parameters: Any, strains: list[Any]) -> Any:
         """Energy of the springs from their strains."""
-        shares = (self._numbers(branch)[0] for branch in self._material.branches)
+        shares = (self._branch_constants(branch)[0] for branch in self._material.branches)
         return sum(
             share / 2 * ufl.inner(self._material.shape_stress(strain, **parameters), strain)
             for share, strain in zip(shares, strains, strict=True)
         )
 
-    def _numbers(self, branch: Branch) -> tuple[fem.Constant, fem.Constant]:
-        """Share s and relaxation time of a branch as constants."""
+    def _branch_constants(self, branch: Branch) -> tuple[fem.Constant, fem.Constant]:
+        """Share s and relaxation time of a branch as UFL constants."""
         share, time = (fem.Constant(self._mesh, number) for number in branch)
         return share, time
 

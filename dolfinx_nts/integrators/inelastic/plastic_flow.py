@@ -167,7 +167,7 @@ class PlasticFlow(MaterialMemory):
 
 
 def _constants(mesh: Mesh, hardening: Hardening) -> Hardening:
-    """Hardening parameters as constants; terms of saturation are left out if unused."""
+    """Hardening parameters as UFL constants; without saturation its terms are left out."""
     stress, modulus, increase, rate = (fem.Constant(mesh, number) for number in hardening)
     if hardening.saturates:
         return Hardening(stress, modulus, increase, rate)

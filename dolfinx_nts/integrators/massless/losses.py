@@ -4,8 +4,8 @@ With the stiffness K a massless node obeys :math:`\beta K \dot x_c = -r`, where 
 its static equilibrium. A second-order step of length h multiplies a deviation from equilibrium by
 :math:`(1 - z/2)/(1 + z/2)`, :math:`z = h/\beta`. With weak damping the deviation alternates in sign
 without decay. The equilibrium at the end of a step therefore removes the fraction :math:`z^3/(12 +
-z^3)` of it, by a resistance :math:`12\, (\beta/h)^3 K`. This is all of it without damping, and less
-than the truncation error if the step resolves :math:`\beta`.
+z^3)` of it, by a resistance :math:`12\, (\beta/h)^3 K`. Without damping this is the whole
+deviation; it is less than the truncation error if the step resolves :math:`\beta`.
 """
 
 from collections.abc import Sequence
@@ -65,7 +65,7 @@ class SurfaceDamping:
         return self._at_nodes
 
     def follow(self, dx: Floats) -> Floats:
-        """Update the dissipation by displacements of the nodes since `begin`, ``(m, d)`` [m].
+        """Update the dissipation for displacements of the nodes since `begin`, ``(m, d)`` [m].
 
         Returns:
             Additional dissipation in each group, shape ``(g,)`` [J]. The total dissipation of a

@@ -32,8 +32,8 @@ from dolfinx_nts.integrators.implicit.implicit_forms import StepForms
 from dolfinx_nts.integrators.implicit.inertia import Inertia, VelocityUpdate
 from dolfinx_nts.integrators.implicit.static_stiffness import long_step
 from dolfinx_nts.integrators.inelastic.memory import Memory
+from dolfinx_nts.integrators.massless.active_contact import ActiveContact
 from dolfinx_nts.integrators.massless.body_groups import BodyGroups
-from dolfinx_nts.integrators.massless.held_contact import HeldContact
 from dolfinx_nts.integrators.massless.losses import StepLosses
 from dolfinx_nts.integrators.massless.vibration import (
     EnergyCorrection,
@@ -211,24 +211,24 @@ class ResolvedImpact(Inertia):
         rates, massless = self._rates, self._equilibrium.nodes
         defect, n = rates.accept(), self.bulk.num_owned
         u, v = (f.x.array[:n].reshape(self._X.shape) for f in (rates.u, rates.v))
-        dt, held = float(rates.dt.value), HeldContact(steps, self._groups)
-        impulses, of_obstacles = held.impulses(v.shape[1], dt)
+        dt, active = float(rates.dt.value), ActiveContact(steps, self._groups)
+        impulses, of_obstacles = active.impulses(v.shape[1], dt)
         # Massless nodes do not contribute to momentum and kinetic energy.
         x, mean = self._X + u, self._mean_velocity()[:n].reshape(v.shape)
         vibration, rigid_correction = self._motions.of(x, v, mean, impulses)
         rigid_correction = rigid_correction._replace(linear=rigid_correction.linear - of_obstacles)
         if any(step.num_active for step in steps):
             self._waves.check(dt)
-        cost, dissipation, correction = self._equilibrate(held, vibration, rigid_correction)
+        cost, dissipation, correction = self._equilibrate(active, vibration, rigid_correction)
         rigid_factors, factors = correction.rigid_factors, correction.factors
         moves = rigid_correction.velocities(rigid_factors)
         for g, factor, move in zip(self._groups.nodes, factors, moves, strict=True):
             v[g] += factor * vibration.w[g] + move
-        impulses = factors[:, None, None] * vibration.held + np.tensordot(
-            rigid_factors, rigid_correction.held, 1
+        impulses = factors[:, None, None] * vibration.support_impulses + np.tensordot(
+            rigid_factors, rigid_correction.support_impulses, 1
         )
         reactions = self._reactions(rigid_correction.at_nodes(impulses), x, mean)
-        held.add_impulses(rigid_factors)
+        active.add_impulses(rigid_factors)
         mean_velocity = rates.mean_velocity.x.array
         mean_velocity[:] = self._mean_velocity()
         v[massless] = mean_velocity[:n].reshape(v.shape)[massless]
@@ -258,11 +258,11 @@ class ResolvedImpact(Inertia):
 
     def _equilibrate(
         self,
-        held: HeldContact,
+        active: ActiveContact,
         vibration: Vibration,
         rigid_correction: RigidCorrection,
     ) -> tuple[Floats, Floats, EnergyCorrection]:
-        """Move massless nodes towards equilibrium within the available energy. Collective.
+        """Move massless nodes towards static equilibrium within the available energy. Collective.
 
         Returns:
             Work of stress and damping, and dissipation of friction, both ``(g,)`` [J], and the
@@ -273,7 +273,7 @@ class ResolvedImpact(Inertia):
         before, work, damping = u.array.copy(), self._work.at_nodes(), self._losses.begin()
         most = vibration.energy + rigid_correction.most
         part = partial(self._affordable, _CLOSING * vibration.energy + rigid_correction.most)
-        increments = self._equilibrium.find(held.holds, part, damping)
+        increments = self._equilibrium.find(active.constraints, part, damping)
         share: Floats = np.ones(len(self._groups.nodes))
         while True:
             du[massless] = share[self._groups.number_of[massless], None] * increments
@@ -282,14 +282,14 @@ class ResolvedImpact(Inertia):
             self._memory.accept()
             cost = self._groups.sums(slice(None), self._work.at_nodes() - work)
             cost += self._losses.follow(du[massless])
-            histories, dissipation = held.after(du)
+            histories, dissipation = active.after(du)
             correction = EnergyCorrection.of(vibration, rigid_correction, -cost - dissipation)
             good = correction.is_whole
             good &= (cost <= _MOST_SPENT * most) & (not self._volume_ratio.inverted())
             if np.all(good | (share == 0)):
                 break
             share = np.where(good, share, np.where(share > _LEAST, share / 2, 0.0))
-        held.accept(histories)
+        active.accept(histories)
         return cost, dissipation, correction
 
     def _affordable(self, budget: Floats, costs: Floats) -> Floats:

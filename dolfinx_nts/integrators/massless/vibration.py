@@ -44,14 +44,14 @@ class RigidCorrection(NamedTuple):
         fields: Values of 1 and x - centre at the owned nodes of each group, ``(n, 1 + d)``.
         rigid: Coefficients of these fields, by the group whose nodes touch, then by the group
             that moves, shape ``(g, g, 1 + d, d)``.
-        held: Impulses of supports at the fixed dofs in these motions, of the same shape.
+        support_impulses: Impulses of supports at the fixed dofs in these motions, same shape.
         linear: Vector b, shape ``(g,)`` [J].
         square: Matrix a, shape ``(g, g)`` [J].
     """
 
     fields: Sequence[Floats]
     rigid: Floats
-    held: Floats
+    support_impulses: Floats
     linear: Floats
     square: Floats
 
@@ -91,7 +91,7 @@ class RigidCorrection(NamedTuple):
         return factors, given
 
     def velocities(self, factors: Floats) -> list[Floats]:
-        """Nodal velocities of each group, ``(n, d)`` [m/s], for factors ``(g,)``. Local."""
+        """Nodal velocities of each group, ``(n, d)`` [m/s], for factors alpha, ``(g,)``. Local."""
         return self.at_nodes(np.einsum("i,igcd->gcd", factors, self.rigid))
 
     def at_nodes(self, parts: Floats) -> list[Floats]:
@@ -164,14 +164,14 @@ class Vibration(NamedTuple):
 
     Attributes:
         w: Velocities of the owned nodes, shape ``(n, d)`` [m/s].
-        held: Impulses of supports at the fixed dofs when w is added, as coefficients of the fields
-            of `RigidCorrection`, shape ``(g, 1 + d, d)`` [N s, N s/m].
+        support_impulses: Impulses of supports at the fixed dofs when w is added, as coefficients of
+            the fields of `RigidCorrection`, shape ``(g, 1 + d, d)`` [N s, N s/m].
         linear: Coefficient b of each group, shape ``(g,)`` [J].
         square: Coefficient a of each group, shape ``(g,)`` [J].
     """
 
     w: Floats
-    held: Floats
+    support_impulses: Floats
     linear: Floats
     square: Floats
 
@@ -202,11 +202,11 @@ class Vibration(NamedTuple):
 class VibrationAnalysis:
     """Splits velocities of groups of bodies into rigid motion and vibration. Collective.
 
-    It also computes the rigid motions of groups due to impulses.
+    Also computes the rigid velocities of groups due to contact impulses.
 
     Args:
         comm: Communicator.
-        mass: The mass.
+        mass: Mass matrix of the bodies.
         groups: Owned nodes of each group of connected bodies.
         fixed: Owned scalar dofs with a support, which are left out.
         shape: Number of owned nodes, and of components d.
@@ -228,7 +228,7 @@ class VibrationAnalysis:
         motions: Floats = np.zeros((len(possible), 1 + d, d))
         motions[:d, 0] = np.eye(d)
         motions[d:, 1:] = _TURNS[d]
-        # Coefficients of the fields 1 and x.
+        # Rigid motions as coefficients of the fields 1 and x.
         self._motions = motions[possible]
         self._m = mass.times(np.ones(shape))[:, :1]
         held: Flags = np.zeros(shape, dtype=bool)
@@ -340,13 +340,13 @@ class EnergyCorrection(NamedTuple):
 
     Attributes:
         wanted: Energy that each group should receive, shape ``(g,)`` [J].
-        given: Energy that each group receives, within its bounds, shape ``(g,)`` [J].
+        received: Energy that each group receives, within its bounds, shape ``(g,)`` [J].
         rigid_factors: Factors of the velocities of `RigidCorrection`, shape ``(g,)`` [-].
         factors: Factors of the velocities of `Vibration`, shape ``(g,)`` [-].
     """
 
     wanted: Floats
-    given: Floats
+    received: Floats
     rigid_factors: Floats
     factors: Floats
 
@@ -364,7 +364,7 @@ class EnergyCorrection(NamedTuple):
     @property
     def is_whole(self) -> Flags:
         """Whether each group receives all of the wanted energy, shape ``(g,)``."""
-        whole: Flags = np.abs(self.wanted - self.given) <= _ROUND_OFF * np.abs(self.wanted)
+        whole: Flags = np.abs(self.wanted - self.received) <= _ROUND_OFF * np.abs(self.wanted)
         return whole
 
 

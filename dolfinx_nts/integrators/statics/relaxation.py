@@ -81,7 +81,7 @@ class Resistance:
         return self.part > _LARGEST
 
     @property
-    def is_gone(self) -> bool:
+    def is_negligible(self) -> bool:
         """Whether the resistance is negligible."""
         return self.part < _LEAST
 
@@ -150,17 +150,19 @@ class Relaxation:
                 and step.increment <= _SETTLED * before[1]
             )
             before = part, step.increment
-            if rests or resistance.is_gone:
+            if rests or resistance.is_negligible:
                 last = self._solve(0.0)
-                if last.report.converged and last.increment <= self._same(step.increment):
+                if last.report.converged and last.increment <= self._distance_from_last(
+                    step.increment
+                ):
                     self._accept()
                     return self._report(last.report, "")
-                if resistance.is_gone:
+                if resistance.is_negligible:
                     nothing = "there is no equilibrium near their end"
                     return self._report(report, last.report.reason or nothing)
-        return self._report(report, f"no end in {self._iterations} iterations")
+        return self._report(report, f"no equilibrium after {self._iterations} iterations")
 
-    def _same(self, increment: float) -> float:
+    def _distance_from_last(self, increment: float) -> float:
         """Largest distance of the equilibrium from the last pseudo-step [m]."""
         return max(_FARTHER * increment, _SAME * self._size)
 

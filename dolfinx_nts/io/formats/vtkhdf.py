@@ -66,7 +66,7 @@ class VtkHdfFile:
         self._grid: dict[str, Field] = {}
         self._blocks: list[Block] = []
         # Buffered states with step and time, and deadline for writing them [s].
-        self._held: list[tuple[int, float, dict[str, Slab]]] = []
+        self._buffered: list[tuple[int, float, dict[str, Slab]]] = []
         self._due = 0.0
         # Written states, whose memory is reused.
         self._former: list[dict[str, Slab]] = []
@@ -102,7 +102,7 @@ class VtkHdfFile:
         cell = self._stepper.u.function_space.mesh.topology.cell_name()
         arrays = grid_arrays(mesh_arrays(self._stepper), cell)
         self._grid = {name: Field.of(slab) for name, slab in arrays.items()}
-        self._held, self._due = [], 0.0
+        self._buffered, self._due = [], 0.0
         self._steps = on_root(self._comm, lambda: self._begin(resume))
         self._folder.write(self._comm, _GRID, {name: [slab] for name, slab in arrays.items()}, {})
 
@@ -120,32 +120,32 @@ class VtkHdfFile:
         if step in self._steps:
             return
         former = self._former.pop() if self._former else None
-        self._held.append((step, self._stepper.t, self._rows_of(now, former)))
+        self._buffered.append((step, self._stepper.t, self._rows_of(now, former)))
         self._steps.add(step)
         if on_root(self._comm, self._must_write):
-            self._write_held()
+            self._write_buffered()
 
     def flush(self) -> None:
         """Wait until the disk has all states, so that they survive a power failure."""
-        self._write_held()
+        self._write_buffered()
         on_root(self._comm, self._folder.sync)
 
     def close(self) -> None:
         """Write the buffered states."""
-        self._write_held()
+        self._write_buffered()
 
     def leave(self) -> None:
         """Write buffered states after an error, unless ranks are in different steps."""
-        if self._held and all_come(self._comm, f"write the last fields of {self._path}"):
-            self._write_held()
+        if self._buffered and all_come(self._comm, f"write the last fields of {self._path}"):
+            self._write_buffered()
 
-    def _write_held(self) -> None:
+    def _write_buffered(self) -> None:
         """Write the buffered states."""
-        held, self._held = self._held, []
-        if not held:
+        buffered, self._buffered = self._buffered, []
+        if not buffered:
             return
         start = time.monotonic()
-        steps, times, states = zip(*held, strict=True)
+        steps, times, states = zip(*buffered, strict=True)
         name = f"{steps[0]:09d}-{steps[-1]:09d}.h5"
         slabs = {of: [state[of] for state in states] for of in states[0]}
         self._folder.write(self._comm, name, slabs, {"steps": steps, "times": times})
@@ -158,12 +158,12 @@ class VtkHdfFile:
 
     def _must_write(self) -> bool:
         """Whether the buffered states must be written now."""
-        _, _, state = self._held[-1]
-        size = len(self._held) * sum(slab.values.nbytes for slab in state.values())
+        _, _, state = self._buffered[-1]
+        size = len(self._buffered) * sum(slab.values.nbytes for slab in state.values())
         return time.monotonic() >= self._due or size >= _MOST
 
     def _add(self, block: Block, start: float) -> None:
-        """Add a block to the index, whose writing began at a time [s]."""
+        """Add a block, whose writing began at the time ``begin`` [s], to the index."""
         self._blocks.append(block)
         self._write_index()
         now = time.monotonic()
@@ -181,7 +181,7 @@ class VtkHdfFile:
         return {step for block in self._blocks for step in block.steps}
 
     def _found(self) -> list[Block]:
-        """Blocks of the states up to the current step; none if states are missing."""
+        """Blocks of states up to the current step; none if states are missing."""
         blocks, last = [], self._stepper.step
         for path in sorted(self._folder.files(_BLOCK)):
             if int(path.name[:9]) > last:
@@ -196,7 +196,7 @@ class VtkHdfFile:
         return blocks
 
     def _rewrite(self, reason: str) -> list[Block]:
-        # Other programs changed the files; the state of the run itself is complete.
+        # Other programs have changed the files of fields; the checkpoint itself is complete.
         moved = self._folder.move_aside()
         _logger.warning("%s; the fields begin at this step, %s", reason, moved)
         return []

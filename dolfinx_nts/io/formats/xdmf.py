@@ -144,7 +144,7 @@ class XdmfFile:
         self._rows_of = States(stepper, fields).rows
         self._folder = FieldsFolder(path, _OWN)
         first = path.name[0]
-        # VTK leaves out a space, and letters that are not ASCII, at the start.
+        # VTK drops a leading space and leading letters that are not ASCII.
         self._prefix = "" if first.isascii() and first != " " else "./"
         self._series = XmlSeries(path, _HEAD, _TAIL)
         self._mesh_xml = ""

@@ -32,7 +32,7 @@ class _Resultant(LoadOnBody):
         self._mass: float = reductions.total(comm, float(fem.assemble_scalar(form)))
 
     def _spread(self, work: Any) -> ufl.Form:
-        """Mass-weighted mean of a virtual work, linear in the test function."""
+        """Mass-weighted mean over the body of a virtual work, linear in the test function."""
         mass = fem.Constant(self.V.mesh, self._mass)
         return bulk_form([self._body], lambda material, parameters, rho: rho / mass * work)
 

@@ -92,13 +92,13 @@ class AdjacentFacets:
 
     @cached_property
     def _corners(self) -> tuple[Ints, Array]:
-        """Facet corners sorted by vertex, and offsets of the corners of each vertex."""
+        """Facet corners sorted by vertex, and offset of the first corner of each vertex."""
         corners = self._facets.ravel()
         order = np.argsort(corners, kind="stable").astype(np.int32)
         return order, np.searchsorted(corners[order], np.arange(corners.max(initial=-1) + 2))
 
     def _around(self, facet: Ints) -> tuple[Ints, Ints]:
-        """Pairs of given facets and neighbours, and ascending indices of the former, ``(e,)``."""
+        """Neighbours of facets: ascending index of the facet and neighbour, both ``(e,)``."""
         vertices, width = self._facets[facet], len(self._facets)
         order, begin = self._corners
         first = begin[vertices].ravel()

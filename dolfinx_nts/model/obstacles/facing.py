@@ -39,7 +39,7 @@ class Facing:
 
     @classmethod
     def everywhere(cls, num_points: int) -> "Facing":
-        """Points without restrictions on contact directions."""
+        """Points with any contact direction."""
         return cls(_NO_FACETS, _NO_POSITIONS, np.zeros(num_points, dtype=np.int32))
 
     def take(self, points: Ints) -> "Facing":

@@ -168,7 +168,7 @@ class Obstacle(Declaration):
         return {"name": self._label} if self._label else {}
 
     def _call_it(self, name: str) -> None:
-        """Set the name; an empty text selects the automatic name."""
+        """Set the name of the obstacle; an empty text selects the automatic name."""
         self._label = label(name)
 
     @abstractmethod
@@ -281,7 +281,7 @@ _RESERVED = frozenset(name for name in vars(Obstacle) if name[0] != "_") - _SETT
 
 
 def _hides(name: str, kind: type[Obstacle]) -> AttributeError:
-    """Error that an attribute of a user's class hides one of all obstacles."""
+    """Error for an attribute of a user's class that hides an attribute of all obstacles."""
     return AttributeError(
         f"expected another name for the attribute {name} of {kind.__name__}, as all obstacles have "
         f"{', '.join(sorted(_RESERVED))}"
@@ -289,7 +289,7 @@ def _hides(name: str, kind: type[Obstacle]) -> AttributeError:
 
 
 def _may_replace(name: str, value: Any) -> bool:
-    """Whether an attribute of a user's class may replace that of all obstacles.
+    """Whether an attribute of a user's class may replace the same attribute of all obstacles.
 
     A method may be replaced by one with the same arguments, a property by a property, and
     ``is_of_revolution`` by its value.

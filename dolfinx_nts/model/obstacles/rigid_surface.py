@@ -73,8 +73,8 @@ class RigidSurface(Obstacle):
         side = np.einsum("si,si->s", np.cross(edges[:, 0], edges[:, 1]), outside - centre)
         if np.any(side == 0):
             raise ValueError(
-                "expected facets with one side towards the point `outside`, given "
-                f"{np.count_nonzero(side == 0)} without area, or in one plane with it, first "
+                "expected facets with an area, in planes that do not contain the point `outside`, "
+                f"given {np.count_nonzero(side == 0)} other facets, the first one with the number "
                 f"{np.flatnonzero(side == 0)[0]}"
             )
         self._orientation = np.sign(side)

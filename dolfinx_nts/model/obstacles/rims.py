@@ -1,4 +1,4 @@
-"""Free edges of a surface, which belong to one facet only."""
+"""Free edges (rims) of a surface, which belong to one facet only."""
 
 import numpy as np
 from basix import CellType, topology

@@ -133,7 +133,7 @@ class EdgeCandidates(SegmentCandidates):
         met = np.flatnonzero(searches[self._carrier]).astype(np.int32)
         found = self._met(x, met, reach)
         candidate, gaps, beyond, depth = (
-            found.with_others(self._held(x, held, slack)) if len(held) else found
+            found.with_others(self._kept_candidates(x, held, slack)) if len(held) else found
         )
         if not len(candidate):
             return segment, gap
@@ -162,8 +162,8 @@ class EdgeCandidates(SegmentCandidates):
             pair = pair[(lower[own, i] <= greatest[other, i]) & (least[other, i] <= upper[own, i])]
         return pair
 
-    def _held(self, x: Floats, candidate: Ints, slack: float) -> "_Found":
-        """Current candidates that may be kept."""
+    def _kept_candidates(self, x: Floats, candidate: Ints, slack: float) -> "_Found":
+        """Current candidates whose edges still cross, which may be kept."""
         sense, crossing = self.orientation[candidate], self._crossing(x, candidate // 2)
         if np.isfinite(slack):
             stays = crossing.sine > _CROSSING[1]
@@ -177,7 +177,7 @@ class EdgeCandidates(SegmentCandidates):
         return _Found(candidate, gap, none, gap - _DEEPER * self.size[candidate])
 
     def _met(self, x: Floats, pair: Ints, reach: float) -> "_Found":
-        """Pairs that cross, with the orientation in which their edges face each other."""
+        """Crossing pairs, with the normal orientation for which the edges face each other."""
         reach = max(reach, self._deepest.max())
         pair = self._within(x, pair, reach, OVERHANG)
         crossing = self._crossing(x, pair)

@@ -47,9 +47,9 @@ class EdgeSearch(GlobalSearch):
         return candidates, is_new
 
     def _find(self, x: Floats, reach: float) -> SegmentCandidates:
-        return super()._find(x, reach + self._beyond(x))
+        return super()._find(x, reach + self._additional_reach(x))
 
-    def _beyond(self, x: Floats) -> float:
+    def _additional_reach(self, x: Floats) -> float:
         """Longest edge of a carrier of this rank [m]. Collective."""
         first, second = self._own.ends(x)
         return float(np.linalg.norm(second - first, axis=1).max(initial=0.0))
@@ -60,6 +60,6 @@ class EdgeSearch(GlobalSearch):
     def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> EdgeCandidates:
         own = Edges.of(others.reshape(self._shape), self._own.key, self._own.thickness)
         other = Edges.of(found.vertices, found.key, found.thickness)
-        reach -= self._beyond(x)
+        reach -= self._additional_reach(x)
         x = found.scatter.forward(x)
         return EdgeCandidates.paired(found.scatter, own, other, self._offers.total, x, reach)

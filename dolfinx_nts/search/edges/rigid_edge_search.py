@@ -73,7 +73,7 @@ class RigidEdgeSearch(ObstacleSearch):
         covered = self._covered
         arrays = None if covered is None else (covered[0], np.array(covered[1]))
         stored = archive.local(name, arrays)
-        if not archive.giving:
+        if not archive.restores:
             return
         self._covered = None
         if stored is not None:

@@ -50,11 +50,11 @@ class FacetCandidates(SegmentCandidates):
 
     Args:
         found: The segments; with weights for a smooth surface.
-        wholes: Nodes on which the facet of each segment depends, shape ``(s, n)``: vertices,
+        facet_nodes: Nodes on which the facet of each segment depends, shape ``(s, n)``: vertices,
             mid-nodes, and nodes of a patch.
 
     Attributes:
-        wholes: The argument.
+        facet_nodes: The argument.
         whole: Number of the facet of each segment, shape ``(s,)``.
         weights: Weights of the nodes in the control points of shifted patches, ``(s, c, n)``, or
             None.
@@ -63,10 +63,10 @@ class FacetCandidates(SegmentCandidates):
         has_middles: Whether facets have mid-nodes.
     """
 
-    def __init__(self, found: FoundSegments, wholes: Ints) -> None:
+    def __init__(self, found: FoundSegments, facet_nodes: Ints) -> None:
         super().__init__(found)
-        self.wholes, self.rise = wholes, found.rise
-        (s, k), n = self.segments.shape, wholes.shape[1]
+        self.facet_nodes, self.rise = facet_nodes, found.rise
+        (s, k), n = self.segments.shape, facet_nodes.shape[1]
         self.has_middles = found.weights is None and n > k
         self.whole: Ints = np.arange(s, dtype=np.int32)
         # Weights of point and nodes in point and control points: for both numbers of a facet, and
@@ -75,7 +75,7 @@ class FacetCandidates(SegmentCandidates):
         self._of_flat: Floats | None = None
         self.weights: Floats | None = None
         if self.has_middles:
-            number = np.unique(wholes, axis=0, return_inverse=True)[1]
+            number = np.unique(facet_nodes, axis=0, return_inverse=True)[1]
             self.whole = number.ravel().astype(np.int32)
             self._of_flat = _among(linear_functions(k), n)
         elif found.weights is not None:
@@ -112,7 +112,7 @@ class FacetCandidates(SegmentCandidates):
         before = self._kernels["project"](pairs, orientation)[1]
         pairs[:, 0] += rise
         if self.rise is not None:
-            pairs[:, 1:] += rises(self.rise, self.wholes, segment % len(self.rise), x)[:, None]
+            pairs[:, 1:] += rises(self.rise, self.facet_nodes, segment % len(self.rise), x)[:, None]
         taken: Floats = self._kernels["project"](pairs, orientation)[1] - before
         return taken
 
@@ -143,9 +143,9 @@ class FacetCandidates(SegmentCandidates):
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Positions of points and nodes or control points of facets, ``(m, 1+n, 3)`` [m]."""
-        pairs = np.empty((len(segment), 1 + self.wholes.shape[1], 3))
+        pairs = np.empty((len(segment), 1 + self.facet_nodes.shape[1], 3))
         pairs[:, 0] = points.of(x)
-        pairs[:, 1:] = x.take(self.wholes.take(segment, axis=0, mode="wrap"), axis=0)
+        pairs[:, 1:] = x.take(self.facet_nodes.take(segment, axis=0, mode="wrap"), axis=0)
         weights = self._weights(segment)
         return pairs if weights is None else weights @ pairs
 
@@ -171,7 +171,7 @@ class FacetCandidates(SegmentCandidates):
         if self._of_pairs is not None:
             weights: Floats = self._of_pairs[segment % s]
         elif flat.any():
-            weights = np.tile(np.eye(1 + self.wholes.shape[1]), (len(segment), 1, 1))
+            weights = np.tile(np.eye(1 + self.facet_nodes.shape[1]), (len(segment), 1, 1))
         else:
             return None
         weights[flat] = self._of_flat
@@ -191,7 +191,7 @@ def distances(xi: Floats, *, is_triangle: bool) -> Floats:
 
 
 def _among(weights: Floats, n: int) -> Floats:
-    """Extend weights of vertices in control points, ``(c, k)``, by zeros for other nodes."""
+    """Extend weights of vertices in control points, ``(c, k)``, by zeros for all other nodes."""
     of_nodes = np.zeros((1, len(weights), n))
     of_nodes[0, :, : weights.shape[1]] = weights
     of_pairs: Floats = weights_of_pairs(of_nodes)[0]
@@ -199,7 +199,7 @@ def _among(weights: Floats, n: int) -> Floats:
 
 
 def rises(weights: Floats, nodes: Ints, facet: Ints, x: Floats) -> Floats:
-    """Displacements from the means of facets to the means of their patches, shape ``(m, 3)`` [m].
+    """Offsets from the mean of each facet to the mean of its patch, shape ``(m, 3)`` [m].
 
     ``weights`` and ``nodes`` are of all facets, ``(s, n)``; ``facet`` selects m of them.
     """

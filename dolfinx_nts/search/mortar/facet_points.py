@@ -106,7 +106,7 @@ class FacetPoints:
             x_n: Positions at t_n, see `Candidates`.
             x: Positions at which segments are projected on facets.
             reach: Search distance of the facets [m].
-            kinks: Whether facets opposite kinks of flat segments have linear functions.
+            kinks: Whether multipliers opposite kinks of flat segments have linear shape functions.
         """
         is_smooth = facets.of_patches is not None or candidates.rise is not None
         *_, thickness = candidates.of_segments
@@ -123,13 +123,13 @@ class FacetPoints:
             x_n,
             x,
             reach,
-            float(candidates.sunk.max(initial=0.0)),
+            float(candidates.initial_depth.max(initial=0.0)),
             facets.is_axisymmetric,
             is_smooth,
         )
         k = dual.shape[1]
         linear = phi if phi.shape[1] == k else phi @ linear_functions(k)
-        reached = np.hstack([facets.wholes[facet], candidates.wholes[of_segment]])
+        reached = np.hstack([facets.facet_nodes[facet], candidates.facet_nodes[of_segment]])
         width, whole = 1 + len(candidates.key), candidates.whole[of_segment]
         _, patch = np.unique(facet.astype(np.int64) * width + whole, return_inverse=True)
         places = MortarPoints(

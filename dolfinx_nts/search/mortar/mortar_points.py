@@ -41,8 +41,8 @@ class MortarFacets:
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
         is_axisymmetric: Whether the mesh is axisymmetric.
-        wholes: Nodes on which the points of the facets depend, shape ``(f, m)``: ``vertices``, or
-            the nodes of the patches of a smooth surface.
+        facet_nodes: Nodes on which the points of the facets depend, shape ``(f, m)``: ``vertices``,
+            or the nodes of the patches of a smooth surface.
         of_patches: Weights of these nodes in the control points of the patches, shape
             ``(f, c, m)``, and in the offset from facet to patch, ``(f, m)``, see
             `FacetCandidates`; None without patches.
@@ -54,17 +54,17 @@ class MortarFacets:
     orientation: Floats
     X: Floats
     is_axisymmetric: bool
-    wholes: Ints
+    facet_nodes: Ints
     of_patches: tuple[Floats, Floats] | None
 
     def rise(self, facet: Ints, x: Floats) -> Floats:
         """Offsets of points from the facets to the patches, shape ``(p, 3)`` [m]."""
         if self.of_patches is None:
             return np.zeros((len(facet), 3))
-        return rises(self.of_patches[1], self.wholes, facet, x)
+        return rises(self.of_patches[1], self.facet_nodes, facet, x)
 
     def patched(self, facet: Ints, phi: Floats) -> Floats:
-        """Weights of nodes at points by the functions ``phi`` of facets there, ``(p, m)``."""
+        """Weights of patch nodes at points with shape functions ``phi`` of facets, ``(p, m)``."""
         if self.of_patches is None:
             return phi
         xi, weights = phi @ _CORNERS[phi.shape[1]], self.of_patches[0]
@@ -120,7 +120,7 @@ class Shares:
 
     @classmethod
     def none(cls, nodes: Ints) -> "Shares":
-        """Make shares of nodes without contact points."""
+        """Create the shares of nodes that have no contact points."""
         no_points = np.empty(0, dtype=np.int32), np.empty(0)
         return cls(nodes, np.zeros(len(nodes)), _starts(np.zeros(len(nodes), int)), *no_points)
 
@@ -197,7 +197,7 @@ class MortarPoints:
 
     @property
     def facing(self) -> Facing:
-        """No restriction, as the choice of segments has used the admissible directions."""
+        """No restriction: the choice of segments has already used the admissible directions."""
         return Facing.everywhere(len(self.segment))
 
     def of(self, values: Floats) -> Floats:

@@ -13,7 +13,7 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
 from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates
 from dolfinx_nts.search.mortar.mortar_points import MortarFacets
-from dolfinx_nts.search.mortar.whole_facets import Hats, whole_facets
+from dolfinx_nts.search.mortar.whole_facets import HatFunctions, whole_facets
 from dolfinx_nts.search.segment_candidates import FoundSegments
 from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
 
@@ -31,19 +31,19 @@ class MortarCandidates(FacetCandidates):
 
     Args:
         found: The segments.
-        wholes: See `FacetCandidates`.
+        facet_nodes: See `FacetCandidates`.
         facets: Facets around the owned nodes, by the nodes of the same map.
 
     Attributes:
         facets: The argument.
-        hats: Fields that are linear on the facets; None at degree 1, where all fields are linear.
+        hat_functions: Linear fields on the facets; None at degree 1, where all fields are linear.
     """
 
-    def __init__(self, found: FoundSegments, wholes: Ints, facets: MortarFacets) -> None:
+    def __init__(self, found: FoundSegments, facet_nodes: Ints, facets: MortarFacets) -> None:
         """Store the arguments."""
-        super().__init__(found, wholes)
+        super().__init__(found, facet_nodes)
         self.facets = facets
-        self.hats = _hats(self, facets.vertices) if self.has_middles else None
+        self.hat_functions = _hat_functions(self, facets.vertices) if self.has_middles else None
 
 
 class FacetSearch(GlobalSearch):
@@ -66,11 +66,11 @@ class FacetSearch(GlobalSearch):
             self._offer = patches.ids, patches.owners, *self._offer[2:]
             self._weights = patches.weights, patches.rise
             return
-        wholes = whole_facets(segments.segments, Element.of(segments.V).degree)
-        if wholes is not segments.segments:
+        facet_nodes = whole_facets(segments.segments, Element.of(segments.V).degree)
+        if facet_nodes is not segments.segments:
             ids, owners, orientation, key, thickness = self._offer
-            more = space.local_to_global(wholes.ravel()).reshape(wholes.shape)
-            owners = np.hstack([owners, owners_of(space, wholes)])
+            more = space.local_to_global(facet_nodes.ravel()).reshape(facet_nodes.shape)
+            owners = np.hstack([owners, owners_of(space, facet_nodes)])
             self._offer = np.hstack([ids, more]), owners, orientation, key, thickness
 
     def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> FacetCandidates:
@@ -80,8 +80,8 @@ class FacetSearch(GlobalSearch):
         k, vertices = self._k, found.vertices
         if vertices.shape[1] == k:
             return found, vertices
-        wholes = vertices[:, k:] if found.weights is None else vertices
-        return found._replace(vertices=np.ascontiguousarray(vertices[:, :k])), wholes
+        facet_nodes = vertices[:, k:] if found.weights is None else vertices
+        return found._replace(vertices=np.ascontiguousarray(vertices[:, :k])), facet_nodes
 
 
 class MortarSearch(FacetSearch):
@@ -107,9 +107,9 @@ class MortarSearch(FacetSearch):
         search.update(X, _AROUND * nodes.size)
         near = search.candidates
         # First segment of each facet, ascending.
-        first = np.sort(np.unique(near.wholes, axis=0, return_index=True)[1])
-        around = first[(near.wholes[first] < space.size_local).any(axis=1)]
-        facets, there = near.wholes[around], near.scatter.forward(self._X)
+        first = np.sort(np.unique(near.facet_nodes, axis=0, return_index=True)[1])
+        around = first[(near.facet_nodes[first] < space.size_local).any(axis=1)]
+        facets, there = near.facet_nodes[around], near.scatter.forward(self._X)
         self._shape = facets.shape
         self._of_patches: tuple[Floats, Floats] | None = None
         if near.weights is not None and near.rise is not None:
@@ -126,7 +126,7 @@ class MortarSearch(FacetSearch):
         self._area: Floats = area[nodes.nodes].astype(np.float64)
         ids = near.scatter.index_map.local_to_global(facets.ravel())
         self._others = ids, owners_of(near.scatter.index_map, facets.ravel())
-        self._around = _hats(near, facets) if near.has_middles else None
+        self._around = _hat_functions(near, facets) if near.has_middles else None
         self._near, self._near_facets = near.scatter, facets[:, : self._k]
 
     def per_area(self, force: Floats, part: Floats, covered: Floats) -> Floats:
@@ -183,9 +183,11 @@ class MortarSearch(FacetSearch):
         self, found: FoundSegments, others: Ints, x: Floats, reach: float
     ) -> MortarCandidates:
         X = np.array(found.scatter.forward(self._X))
-        wholes = others.reshape(self._shape)
+        facet_nodes = others.reshape(self._shape)
         vertices = (
-            wholes if self._of_patches is None else np.ascontiguousarray(wholes[:, : self._k])
+            facet_nodes
+            if self._of_patches is None
+            else np.ascontiguousarray(facet_nodes[:, : self._k])
         )
         facets = MortarFacets(
             self._nodes.nodes,
@@ -194,11 +196,11 @@ class MortarSearch(FacetSearch):
             self._orientation,
             X,
             self._is_axisymmetric,
-            wholes,
+            facet_nodes,
             self._of_patches,
         )
         return MortarCandidates(*self._parted(found), facets)
 
 
-def _hats(candidates: FacetCandidates, facets: Ints) -> Hats:
-    return Hats(candidates.scatter, facets, candidates.segments.shape[1])
+def _hat_functions(candidates: FacetCandidates, facets: Ints) -> HatFunctions:
+    return HatFunctions(candidates.scatter, facets, candidates.segments.shape[1])

@@ -12,7 +12,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Hats", "linear_functions", "whole_facets"]
+__all__ = ["HatFunctions", "linear_functions", "whole_facets"]
 
 # Vertices at the ends of the edges of facets, in the order of Basix, by number of vertices.
 _EDGES = {2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
@@ -50,7 +50,7 @@ def linear_functions(k: int) -> Floats:
     return np.concatenate(rows)
 
 
-class Hats:
+class HatFunctions:
     """Fields on facets of degree 2 that are linear, given by vertex values (hat functions).
 
     Args:

@@ -130,7 +130,7 @@ class OverlapSearch:
         belongs = reductions.anywhere(self._comm, mine[:-1])
         return frozenset(self.names[number] for number in np.flatnonzero(belongs))
 
-    def one_node_each(self, surface: Surface) -> tuple[Ints, Ints]:
+    def boundaries_and_nodes(self, surface: Surface) -> tuple[Ints, Ints]:
         """Boundaries of a surface on this rank, and one node of each, ``(m,)`` each. Local."""
         number, first = np.unique(self._boundary_of[surface.nodes], return_index=True)
         return number.astype(np.int32), surface.nodes[first]
@@ -319,11 +319,12 @@ class OverlapSearch:
     def _obstacles_within(
         self, seen: Sequence[Floats], t: float, touching: Floats
     ) -> tuple[Floats, Ints]:
-        """Largest depths of points of obstacles in bodies, and numbers of vertices inside.
+        """Largest depths of obstacle points in bodies, and numbers of obstacle vertices inside.
 
-        Points are the vertices of facets, and those of round surfaces nearest to facets of bodies.
-        Collective, after `Insides.move`; ``seen`` are positions in the frame of each obstacle,
-        other arguments as for `_with_obstacles`. Returns shape ``(o, g)`` each [m, -].
+        The points are vertices of facets, and points of round surfaces nearest to facets of bodies.
+        ``seen`` are positions in the frame of each obstacle; other arguments as for
+        `_with_obstacles`. Both results have the shape ``(o, g)`` [m, -]. Collective, after
+        `Insides.move`.
         """
         shape = len(self._obstacles), len(self._boundaries)
         deepest, number = np.zeros(shape), np.zeros(shape, dtype=np.int32)

@@ -67,7 +67,7 @@ class SmoothPatches:
         """
         k, c = self._X.shape[1], self.weights.shape[1]
         cell = {2: "interval", 3: "triangle", 4: "quadrilateral"}[k]
-        # Degree of patches on quadrilaterals, at most 4, plus degree 1 of the area.
+        # Quadrature degree: patches on quadrilaterals have at most degree 4, the area degree 1.
         xi, weight = basix.make_quadrature(basix.CellType[cell], 5)
         linear = basix.create_element(basix.ElementFamily.P, basix.CellType[cell], 1)
         phi, *slopes = linear.tabulate(1, xi)[:, :, :, 0]

@@ -71,7 +71,7 @@ class Tangents(NamedTuple):
 
 
 def _own(near: NearFacets, edge: Ints, node: Ints, other: Ints) -> tuple[Ints, Floats, Flags]:
-    """Derivatives at nodes in the direction of other nodes, if the surface is smooth there.
+    """Derivatives at nodes in the direction of other nodes, where the surface is smooth.
 
     Returns:
         Nodes and their weights, of any length, shape ``(h, m)``, zero if it is not smooth; and

@@ -15,7 +15,8 @@ from dolfinx_nts.search.smooth.smooth_candidates import SmoothCandidates
 
 __all__ = ["SphereCandidates", "SphereSlip"]
 
-# Least cosine of the angle between the normal carried with the sphere and that at the node [-].
+# Least cosine of the angle between the normal at t_n, rotated with the sphere, and the present one
+# [-].
 _SIDEWAYS = 1e-6
 
 
@@ -156,7 +157,7 @@ class SphereCandidates(SmoothCandidates):
         return Slip(value, force, gradient, w, b, frame_n=frame_n, frame=frame, orientation=right)
 
     def _tangents(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """Tangents at t_n, their weights in the control points, and tangents at t_{n+1}.
+        """Tangents at t_n, weights of the control points in these, and tangents at t_{n+1}.
 
         Shapes ``(m, 2, 3)``, ``(m, 2, 1+c)`` and ``(m, 2, 3)``; in the plane the second tangent is
         along z at t_n and zero otherwise.

@@ -49,7 +49,7 @@ class SphereFrame:
         of_nodes = input_ids(V)[own].ravel(), places[own].reshape(-1, 3), dofs.ravel()
         ids, X, *nodes = (joined(comm, values) for values in (*of_nodes, owners.ravel()))
         _, first = np.unique(ids, return_index=True)
-        carriers = first[_far_apart(X[first], d + 1)]
+        carriers = first[_spread_points(X[first], d + 1)]
         arms = (X[carriers[1:], :d] - X[carriers[0], :d]) / sphere.radius
         if np.linalg.matrix_rank(arms, tol=_FLAT) < d:
             raise ValueError(
@@ -76,7 +76,7 @@ class SphereFrame:
         self.bulge = reductions.largest(comm, float(bulge))
 
 
-def _far_apart(X: Floats, number: int) -> Ints:
+def _spread_points(X: Floats, number: int) -> Ints:
     """Indices of points, each the farthest from the span of the previous points, ``(number,)``."""
     chosen, rest = [0], X - X[0]
     while len(chosen) < number:

@@ -69,7 +69,7 @@ class ActiveSets:
             archive: Archive that stores the set, or returns it; a returned set gets a new number.
         """
         last = archive.local("active_set", self._last)
-        if archive.giving:
+        if archive.restores:
             self._last, self._is_coupled = last, None
             self.version += 1
 

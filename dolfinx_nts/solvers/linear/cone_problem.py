@@ -19,7 +19,7 @@ from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.contact.implicit.coupled.decided_step import decide
+from dolfinx_nts.contact.implicit.coupled.cone_states import apply_solution
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.convergence import position_rounding
@@ -89,7 +89,7 @@ def solve_cone_problem(
     near = reductions.total(comm, np.array([len(state.active) for state in states])) > 0
     takes_part = [bool(n) and _takes_part(step) for n, step in zip(near, steps, strict=True)]
     deciding = [i for i, takes in enumerate(takes_part) if takes]
-    laws = {i: law for i in deciding if (law := steps[i].friction.decided) is not None}
+    laws = {i: law for i in deciding if (law := steps[i].friction.coupled) is not None}
     if not has_cone_problem([steps[i] for i in deciding], inertia):
         return None
     dim = dimension(steps[0].state.nodes.V)
@@ -97,7 +97,7 @@ def solve_cone_problem(
     for i, (step, state) in enumerate(zip(steps, states, strict=True)):
         if takes_part[i] or step.num_active:
             if takes_part[i]:
-                laws[i].show_slips(state.pairs)
+                laws[i].use_all_slips(state.pairs)
                 state = _with_all_rows(state, dim)
             pairs.append(ActivePairs(step.candidates, state, dim))
             is_decided.append(np.full(int(pairs[-1].blocks.rank.sum()), takes_part[i]))
@@ -122,7 +122,7 @@ def solve_cone_problem(
     new, first = list(states), sum(len(part[0]) for part in parts[: comm.rank])
     for i in deciding:
         last = first + len(states[i].active)
-        new[i] = decide(steps[i], states[i], found.part(slice(first, last)))
+        new[i] = apply_solution(steps[i], states[i], found.part(slice(first, last)))
         first = last
     return tuple(new)
 
@@ -131,7 +131,7 @@ def _takes_part(step: ContactStep) -> bool:
     """Whether a pair has unilateral multipliers, and Coulomb or no friction. Local."""
     law = step.state.pair.enforcement
     pushes = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
-    return pushes and step.friction.decided is not None
+    return pushes and step.friction.coupled is not None
 
 
 def _multipliers(step: ContactStep, state: ContactContribution) -> Floats:

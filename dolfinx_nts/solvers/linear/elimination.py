@@ -37,8 +37,8 @@ _NO_VALUES = np.empty(0)  # zero constraint values
 class ActivePairs:
     """Active pairs of one contact pair; no two of them constrain the same node.
 
-    Vectors are nodal, shape ``(n, d)``, over the owned nodes. The *part* of a vector is a tuple of
-    the vector, which must not change, and its values at ghosts.
+    Vectors are nodal, shape ``(n, d)``, over the owned nodes. The *part* of a vector is the tuple
+    of this vector, which must not change, and of its values at ghosts.
 
     Args:
         candidates: Candidates of the search, which exchange values of their nodes.
@@ -85,13 +85,13 @@ class ActivePairs:
         return True
 
     def constrain(self, values: Floats, x: Floats) -> Part:
-        """Replace x by Z x + E (G^T E)^-1 values; return its part. Collective."""
+        """Replace x by Z x + E (G^T E)^-1 values; return the part of the new x. Collective."""
         part = self.part(x)
         self._kernel.constrain(values, *part)
         return part
 
     def act(self, part: Part, y: Floats) -> Floats:
-        """Replace y by Z~^T (y + C x), given the part of x. Collective.
+        """Replace y by Z~^T (y + C x) for the part of x. Collective.
 
         Returns:
             Multipliers of the forces that are removed, shape ``(m, 3)`` [N].

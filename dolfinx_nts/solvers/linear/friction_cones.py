@@ -138,7 +138,7 @@ def _solve_group(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
 
 
 def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
-    """Scaled forces and motions at the end of the central path. Local."""
+    """Scaled forces and motions at the end of the central path; None without a solution. Local."""
     m, size = len(q) // d, len(q)
     unit = np.zeros(d)
     unit[0] = 1.0
@@ -159,7 +159,7 @@ def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
             return f, v
         if iteration > _BEFORE_SHORT and part < _SHORT and mean < _CLEAR and error < _NEAR:
             return f, v
-        if mean <= 0:  # the rest is round-off
+        if mean <= 0:  # the duality gap is round-off
             return None
         last = mean
         # The dual cone adds the size of the slip to the normal motion.

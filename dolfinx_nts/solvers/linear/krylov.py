@@ -82,7 +82,7 @@ class KrylovFailures:
     def serialize(self, archive: Archive) -> None:
         """Serialize the numbers. Collective."""
         numbers = archive.same("hopeless_systems", np.array([self._in_a_row, self._left]))
-        if archive.giving:
+        if archive.restores:
             self._in_a_row, self._left = map(int, numbers)
 
 
@@ -286,7 +286,7 @@ class LinearSolver:
         if is_whole:
             weights = np.repeat(stiffness, dim, axis=1).ravel()
             forces = generator.standard_normal((_NUM_FORCES, len(weights))) * np.sqrt(weights)
-            forces[:, bulk.given] = 0
+            forces[:, bulk.is_prescribed] = 0
             found = self._saddle.negative_curvature_direction(
                 active_pairs(steps, constant, dim), forces, weights
             )
@@ -314,7 +314,7 @@ class LinearSolver:
         """
         bulk = self._operator.bulk
         if not inertia:
-            condense = partial(self._contacts.condensed, relief=relief, held=self._rigid_nodes)
+            condense = partial(self._contacts.condensed, relief=relief, immobile=self._rigid_nodes)
             return None if bulk.rigid.has_unknowns else condense
         if not self._saddle.may_be_small:
             return None
@@ -403,7 +403,7 @@ class LinearSolver:
         return du
 
     def nodal_resistance(self) -> Floats:
-        """Stiffness or inertia of each owned node, shape ``(n,)`` [N/m]. Collective.
+        """Stiffness or inertia, if larger, of each owned node, shape ``(n,)`` [N/m]. Collective.
 
         The matrix does not contain rigid bodies. Their nodes have the mean stiffness of the others,
         or their inertia if it is larger.
@@ -424,7 +424,7 @@ class LinearSolver:
     ) -> tuple[Floats, list[Floats]]:
         self.num_direct += 1
         du, parts = self._saddle.solve(R, pairs)
-        # Contact pairs without active nodes on any rank have no item.
+        # Contact pairs without active nodes on any rank have no item in the list.
         increments = iter(parts)
         none: Floats = np.empty(0)
         return du, [next(increments) if step.num_active else none for step in steps]

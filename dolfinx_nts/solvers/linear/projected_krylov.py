@@ -106,25 +106,25 @@ class Preconditioner:
 class RigidPreconditioner:
     """Preconditioner with rigid bodies.
 
-    The stiffness of rigid bodies is their inertia only; all other nodes are solved for given
-    motions of them.
+    The stiffness of rigid bodies is their inertia only; the system of all other nodes is solved for
+    given rigid motions.
 
     Args:
-        others: Preconditioner of the other nodes.
+        others: Preconditioner of the nodes of deformable bodies.
         rigid: Motion of the rigid bodies.
         tangent: Matrix of the bulk, in which nodes of rigid bodies are clamped.
     """
 
     def __init__(self, others: Preconditioner, rigid: RigidMotion, tangent: Tangent) -> None:
         self._others, self._rigid = others, rigid
-        self._holding = tangent.hold(rigid.nodes)
+        self._clamping = tangent.clamp(rigid.nodes)
 
     def solve(self, r: Floats) -> Floats:
         """Approximate solution for r, nodal vectors of shape ``(n, d)``. Collective."""
         nodes = self._rigid.nodes
         motion = self._rigid.respond(r.copy())[nodes]
         known = r.copy()
-        known[nodes] = self._holding * motion
+        known[nodes] = self._clamping * motion
         z = self._others.solve(known)
         z[nodes] = motion
         return z
@@ -220,7 +220,7 @@ class KrylovMethod:
 
     def _preconditioned(self, r: Floats) -> Floats:
         x = self._preconditioner.solve(r)
-        x.reshape(-1)[self._operator.bulk.given] = 0
+        x.reshape(-1)[self._operator.bulk.is_prescribed] = 0
         self._operator.elimination.constrain(x)
         return x
 
@@ -239,7 +239,7 @@ class KrylovMethod:
         def free(values: Floats) -> Floats:
             """Set prescribed values to zero, shape ``(d n,)``."""
             values = values.ravel()
-            values[bulk.given] = 0
+            values[bulk.is_prescribed] = 0
             return values
 
         def precondition(r: Floats) -> Floats:

@@ -79,13 +79,16 @@ class Reduced(NamedTuple):
     columns: Any
 
 
-def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats, resistance: Floats) -> Reduced:
+def reduced(
+    A: Any, bodies: Sequence[RigidColumns], clamping: Floats, resistance: Floats
+) -> Reduced:
     """Reduce a system with nodal unknowns of rigid bodies. Collective.
 
     Args:
         A: Matrix of the complete system.
         bodies: Motions of the rigid bodies; their amplitudes are unknowns of rank 0.
-        held: Clamping stiffness of the owned dofs in the matrix, to be removed, ``(d n,)`` [N/m].
+        clamping: Clamping stiffness of the owned dofs in the matrix, which is removed, ``(d n,)``
+            [N/m].
         resistance: Additional stiffness in the motions of rigid bodies.
     """
     comm = A.comm.tompi4py()
@@ -117,7 +120,7 @@ def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats, resistance: Fl
     matrix = rows.transposeMatMult(A.matMult(columns))
     matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     for body, begin in zip(bodies, ends, strict=False):
-        stiffness = -body.mean.T @ (held[body.dofs, None] * body.end)
+        stiffness = -body.mean.T @ (clamping[body.dofs, None] * body.end)
         if comm.rank == 0:
             stiffness += body.turning
         of_motions = _ints(begin + np.arange(len(stiffness)))

@@ -149,7 +149,7 @@ class SaddlePointSystem:
         """Direction of negative curvature of the energy at an equilibrium. Collective.
 
         Args:
-            pairs: Active pairs, with the gap gradients as force directions.
+            pairs: Active pairs, whose forces act along the gap gradients.
             forces: Random forces on the owned dofs, shape ``(k, d n)`` [N].
             stiffness: Stiffness of the owned dofs, shape ``(d n,)`` [N/m].
 
@@ -227,8 +227,8 @@ class SaddlePointSystem:
         A.setType("aij")
         A.setUp()
         start, columns, values = rows.scalars()
-        # The compliance does not affect the converged multipliers. Entries include the inertia of
-        # rigid bodies, which nodal stiffnesses do not.
+        # The compliance does not affect the converged multipliers. The largest entry includes the
+        # inertia of rigid bodies, unlike nodal stiffnesses.
         stiffest = float(np.abs(values).max(initial=_NO_STIFFNESS))
         compliance = reductions.least(comm, _COMPLIANCE / stiffest)
         here = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)
@@ -237,7 +237,7 @@ class SaddlePointSystem:
         begin = np.arange(len(multipliers) + 1, dtype=np.int32)
         diagonal = np.full(len(multipliers), -compliance)
         A.setValuesIJV(begin, multipliers, diagonal, addv=True, rowmap=multipliers)
-        right = np.concatenate([-R, *(-p.excess[_held(p.blocks)] for p in pairs)])
+        right = np.concatenate([-R, *(-p.excess[_active_rows(p.blocks)] for p in pairs)])
         done = 0
         for p in pairs:
             blocks = p.global_blocks()
@@ -269,7 +269,7 @@ class SaddlePointSystem:
     def _reduced(self, A: Any, right: Floats) -> tuple[Reduced, Any]:
         """System with rigid motions as the unknowns of rigid bodies. Collective."""
         rigid, tangent = self._bulk.rigid, self._tangent
-        added = tangent.added(tangent.held, is_exact=True) * np.ones(rigid.dim)
+        added = tangent.added(tangent.clamping, is_exact=True) * np.ones(rigid.dim)
         columns = rigid.columns()
         system = reduced(A, columns, added.ravel(), self._stabilisation(columns))
         b, forces = A.createVecLeft(), system.rows.createVecRight()
@@ -297,7 +297,7 @@ class SaddlePointSystem:
         return total
 
 
-def _held(blocks: ContactBlocks) -> Flags:
+def _active_rows(blocks: ContactBlocks) -> Flags:
     """Flags of the active rows of the constraints, shape ``(m, d)``. Local."""
     flags: Flags = np.arange(blocks.normal.shape[1]) < blocks.rank[:, None]
     return flags

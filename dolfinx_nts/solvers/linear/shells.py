@@ -50,9 +50,9 @@ class _Context:
         self._worker: Any = weakref.ref(worker)
 
     def mult(self, *arguments: Any) -> None:
-        """Multiply; called by PETSc."""
+        """Set y to the product of the worker with x; called by PETSc."""
         self._worker().mult(*arguments)
 
     def apply(self, *arguments: Any) -> None:
-        """Precondition; called by PETSc."""
+        """Set z to the solution of the worker for r; called by PETSc."""
         self._worker().apply(*arguments)

@@ -13,8 +13,8 @@ class SolverStatistics:
     Attributes:
         preconditioner: Kind of the factors of the bulk, empty before the first factorisation.
         is_strong: Whether they are complete factors or multigrid.
-        wave_crossings: Courant number [-], infinite in statics; 0 if all factors are those of a
-            resumed run.
+        wave_crossings: Courant number [-], infinite in statics; 0 if a resumed run has computed no
+            factors yet.
         num_iterations: Krylov iterations.
         num_local_iterations: Additional iterations of the nonlinear elimination around contacts.
         num_builds: Factorisations of the bulk.

@@ -12,7 +12,7 @@ from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["GapConstraints", "KeptGaps"]
+__all__ = ["GapConstraints", "PairConstraints"]
 
 # Fraction of a gradient on free nodes [-] below which the constraint is left out.
 _NO_FREEDOM = 1e-3
@@ -25,8 +25,8 @@ _ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
 _SLIDING_PASSES = 4
 
 
-class KeptGaps(NamedTuple):
-    """Constraints of one pair: gaps that stay constant or close, and constant slips.
+class PairConstraints(NamedTuple):
+    """Constraints of one pair: gaps with a prescribed change, and constant slips.
 
     Attributes:
         scatter: Exchange of nodal values between ranks.
@@ -93,7 +93,7 @@ class GapConstraints:
 
     Args:
         comm: Communicator.
-        holds: The gaps of each pair.
+        constraints: Gap and slip constraints of each pair.
         nodes: Owned nodes that may move, shape ``(n,)``; nodal vectors refer to them.
         free: 1 in free components, otherwise 0, shape ``(n, d)``.
         stiffness: Stiffness of the nodes, which defines orthogonality, shape ``(n, 1)`` [N/m].
@@ -105,7 +105,7 @@ class GapConstraints:
     def __init__(
         self,
         comm: MPI.Comm,
-        holds: Sequence[KeptGaps],
+        constraints: Sequence[PairConstraints],
         nodes: Ints,
         free: Floats,
         stiffness: Floats,
@@ -114,13 +114,13 @@ class GapConstraints:
         weight = free / self._root
         self._rows: list[_Rows] = []
         openings, slides, end = [np.empty(0)], False, 0
-        for hold in holds:
-            shape = (*hold.dofs.shape, 3)
-            gradient, force = hold.gradient.reshape(shape), hold.force.reshape(shape)
+        for each in constraints:
+            shape = (*each.dofs.shape, 3)
+            gradient, force = each.gradient.reshape(shape), each.force.reshape(shape)
             slides |= not np.array_equal(gradient, force)
-            some = _SomeNodes(hold.scatter, nodes)
-            left = gradient * some.forward(free)[hold.dofs]
-            weights = some.forward(weight)[hold.dofs]
+            some = _SomeNodes(each.scatter, nodes)
+            left = gradient * some.forward(free)[each.dofs]
+            weights = some.forward(weight)[each.dofs]
             is_free = _length(left) > _NO_FREEDOM * _length(gradient)
             length = np.where(is_free, _length(weights * gradient), np.inf)
             scaled = weights / length[:, None, None]
@@ -128,17 +128,17 @@ class GapConstraints:
             moves = scaled.any(axis=2)
             first = np.argsort(~moves, axis=1, kind="stable")
             first = first[:, : moves.sum(axis=1).max(initial=0)]
-            begin, end = end, end + len(hold.dofs)
+            begin, end = end, end + len(each.dofs)
             self._rows.append(
                 _Rows(
                     some,
                     slice(begin, end),
-                    np.take_along_axis(hold.dofs, first, axis=1),
+                    np.take_along_axis(each.dofs, first, axis=1),
                     np.take_along_axis(scaled * gradient, first[:, :, None], axis=1),
                     np.take_along_axis(scaled * force, first[:, :, None], axis=1),
                 )
             )
-            openings.append(hold.opening / length)
+            openings.append(each.opening / length)
         self._opening = np.concatenate(openings)
         ones = [rows.gradient.any(axis=2, keepdims=True) * np.ones(3) for rows in self._rows]
         most = self._sum(ones, np.ones(len(self._opening))).max(initial=0.0)
@@ -195,7 +195,7 @@ class GapConstraints:
     ) -> tuple[Floats, Floats]:
         """Solve A x = b by conjugate gradients; the shortest x, and b - A x."""
         s = transposed(b)
-        if self._share_no_nodes:  # A has orthonormal rows or columns.
+        if self._share_no_nodes:  # A has orthonormal rows or columns: no iteration.
             return s, b - times(s)
         r = b.copy()
         x, p, old = np.zeros_like(s), s, self._dot(s, s)

@@ -104,7 +104,7 @@ class MassForce(NamedTuple):
 
 
 class _Product:
-    """Product of a scalar matrix with a few columns.
+    """Product of a scalar matrix with a few vectors.
 
     Args:
         matrix: The matrix.
@@ -165,7 +165,7 @@ def _triple(matrix: la.MatrixCSR, below: Extrapolation) -> _Entries:
     node, column, weight = node[order], column[places], weight[places]
 
     def expanded(keys: GlobalInts, *others: Any) -> tuple[Any, ...]:
-        """Replace massless nodes by the nodes with their mass; add weights, repeat other data."""
+        """Replace massless nodes in a list by the nodes that carry their mass, with weights."""
         place = np.minimum(np.searchsorted(node, keys), len(node) - 1)
         follows = node[place] == keys
         _, these = entries_of_rows(start, place[follows])

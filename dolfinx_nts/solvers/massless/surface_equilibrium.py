@@ -16,7 +16,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.linear.shells import shell_matrix, use_shell
-from dolfinx_nts.solvers.massless.gap_constraints import GapConstraints, KeptGaps
+from dolfinx_nts.solvers.massless.gap_constraints import GapConstraints, PairConstraints
 from dolfinx_nts.solvers.massless.surface_forces import SurfaceForces
 
 __all__ = ["SurfaceEquilibrium"]
@@ -36,7 +36,7 @@ class SurfaceEquilibrium:
         forces: Conserving forces between u_n and u, without inertia, at the m massless nodes. With
             u_n = u they are static forces.
         u_n: Displacement at the start of a step.
-        share: Derivative of the forces with respect to u, divided by that in statics [-].
+        share: Ratio of the derivative of the forces with respect to u to the static stiffness [-].
         stiffness: Stiffness of these nodes, for the preconditioner, shape ``(m,)`` [N/m].
         resistance: Additional resistance of the nodes, by its derivative at u_n = u, if any.
 
@@ -74,7 +74,7 @@ class SurfaceEquilibrium:
 
     def find(
         self,
-        holds: Sequence[KeptGaps],
+        constraints: Sequence[PairConstraints],
         affordable: Callable[[Floats], Floats],
         damping: Floats | float,
     ) -> Floats:
@@ -84,7 +84,7 @@ class SurfaceEquilibrium:
         is indefinite, the increment still decreases the energy.
 
         Args:
-            holds: Constraints of the nodes, pair by pair.
+            constraints: Constraints of the nodes, pair by pair.
             affordable: Returns the admissible fractions of the prescribed increments, given an
                 upper bound on the energy that they exchange, both of shape ``(m,)`` [-, J].
             damping: Forces that damp the motion of the nodes, shape ``(m, d)`` [N].
@@ -92,21 +92,21 @@ class SurfaceEquilibrium:
         u_n = self._u_n.copy()
         self._u_n[:] = self._u.array
         try:
-            return self._find(holds, affordable, damping)
+            return self._find(constraints, affordable, damping)
         finally:
             self._u_n[:] = u_n
 
     def _find(
         self,
-        holds: Sequence[KeptGaps],
+        constraints: Sequence[PairConstraints],
         affordable: Callable[[Floats], Floats],
         damping: Floats | float,
     ) -> Floats:
         r = -self._forces.at_nodes()
-        self._held = GapConstraints(
-            self._comm, holds, self.nodes, self._forces.free, self._stiffness
+        self._constraints = GapConstraints(
+            self._comm, constraints, self.nodes, self._forces.free, self._stiffness
         )
-        x = self._held.shortest()
+        x = self._constraints.shortest()
         if reductions.anywhere(self._comm, bool(x.any())):
             Kx = self._static(x)
             costs = np.abs((r - damping) * x).sum(axis=1) + np.abs(Kx * x).sum(axis=1) / 2
@@ -115,9 +115,9 @@ class SurfaceEquilibrium:
         size = reductions.largest(self._comm, _kernels.largest_size(self._u.array))
         floor = _ROUND_OFF * size * self._stiffness
         least = float(np.sqrt(reductions.total(self._comm, float(np.vdot(floor, floor)))))
-        self._b.array[:] = self._held.project(r).ravel()
+        self._b.array[:] = self._constraints.project(r).ravel()
         # The friction of sliding nodes makes the system nonsymmetric.
-        ksp = self._krylov["gmres" if self._held.slides else "cg"]
+        ksp = self._krylov["gmres" if self._constraints.slides else "cg"]
         ksp.setTolerances(rtol=_REDUCTION, atol=least, max_it=_MAX_ITERATIONS)
         # If the stiffness is indefinite, the last iterate is kept.
         ksp.solve(self._b, self._x)
@@ -126,7 +126,7 @@ class SurfaceEquilibrium:
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         """Multiply by the projected stiffness; called by PETSc."""
-        y.array[:] = self._held.project(self._times(self._rows(x))).ravel()
+        y.array[:] = self._constraints.project(self._times(self._rows(x))).ravel()
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Divide by the nodal stiffness, which preserves the constraints; called by PETSc."""

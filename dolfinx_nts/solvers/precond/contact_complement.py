@@ -52,7 +52,7 @@ class ContactComplement:
         # Nodes in the order of their columns. The size of a batch changes the last digit of its
         # columns, so a resumed run must use the same batches.
         self._batches: list[GlobalInts] = []
-        self._version = -1  # of the factors
+        self._version = -1  # version of the factors that gave the columns
         self._columns: list[Floats] = []  # of owned dofs, shape (d n, d k) for k nodes of a batch
         self._flexibility: Floats = np.empty((0, 0))  # shape (d k, d k)
         self._reached: Array = np.empty(0, dtype=np.int64)  # columns of the current contacts
@@ -60,7 +60,7 @@ class ContactComplement:
         self.num_columns = 0
 
     def update(self, elimination: Elimination) -> None:
-        """Compute the columns of new nodes, and factorise the dense system. Collective.
+        """Compute columns of B U of new contact nodes; factorise the dense system. Collective.
 
         Args:
             elimination: Active pairs.
@@ -76,12 +76,12 @@ class ContactComplement:
         is_point: Flags,
         present: Floats,
         mobility: Mobility | None = None,
-        held: GlobalInts = _NONE,
+        immobile: GlobalInts = _NONE,
     ) -> tuple[Floats, Floats] | None:
         """Condense the system to the contact points, see `CondensedSystem`. Collective.
 
-        ``mobility`` is the additional compliance of free bodies, if there are any, and ``held`` are
-        nodes of rigid bodies without free motion, the same on all ranks.
+        ``mobility`` is the additional compliance of free bodies, if any. ``immobile`` are the nodes
+        of rigid bodies without free motion, the same on all ranks.
         """
         # The geometric stiffness of contact is left out: the factors do not contain that of the
         # bodies, which would balance it.
@@ -96,8 +96,8 @@ class ContactComplement:
         gaps = np.concatenate([values for part in parts for values in part])
         alone = self._bulk.responses(-np.asfortranarray(R[:, None]))
         S, s = self._among_reached, self._at_known(alone)[self._reached]
-        if len(held):
-            moves = np.repeat(~np.isin(nodes, held), self._dim)
+        if len(immobile):
+            moves = np.repeat(~np.isin(nodes, immobile), self._dim)
             S, s = S * np.outer(moves, moves), s * moves
         if mobility is not None:
             motions = np.array([self._at_known(m)[self._reached] for m in mobility.motions])
@@ -163,7 +163,7 @@ class ContactComplement:
         is_present = self._version == self._bulk.num_builds
         known = self._batches if is_present and self._batches else None
         batches = archive.local("complement", known)
-        if archive.giving:
+        if archive.restores:
             self._forget(batches or [])
 
     @property

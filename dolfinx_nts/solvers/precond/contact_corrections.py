@@ -99,11 +99,11 @@ class ContactCorrections:
         present: Floats,
         *,
         relief: InertiaRelief,
-        held: GlobalInts,
+        immobile: GlobalInts,
     ) -> tuple[Floats, Floats] | None:
         """Condense the system to the contact points, see `CondensedSystem`.
 
-        ``relief`` provides the motions of free bodies; ``held`` is as for `ContactComplement`. The
+        ``relief`` has the motions of free bodies; ``immobile`` is as for `ContactComplement`. The
         result is None for many points, without accurate factors of the bulk, and if free bodies
         have no active contact. It is also None for free bodies with factors of the exact
         derivative, in which contact forces rotate them.
@@ -112,10 +112,10 @@ class ContactCorrections:
         if point is None or not self._bulk.has_responses or len(present) > _MOST_FORCES:
             return None
         turns = point is not tangent.point or point[0]
-        if relief.is_loose or (relief.bodies and turns):
+        if relief.is_unsupported or (relief.bodies and turns):
             return None
         mobility = relief.mobility(tangent.in_addition, tangent.drag)
-        return self._complement.condensed(R, pairs, is_point, present, mobility, held)
+        return self._complement.condensed(R, pairs, is_point, present, mobility, immobile)
 
     def serialize(self, archive: Archive, active_version: int) -> None:
         """Serialize the state that later steps depend on, after the factors of the bulk.

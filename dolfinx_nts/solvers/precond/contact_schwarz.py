@@ -87,7 +87,7 @@ class SubdomainWidth:
     def serialize(self, archive: Archive) -> None:
         """Serialize the state that later solves depend on. Collective."""
         state = archive.same("width_of_subdomain", np.array(astuple(self), dtype=float))
-        if archive.giving:
+        if archive.restores:
             is_wide, *costs, is_final = map(float, state)
             self.is_wide, self.is_final = bool(is_wide), bool(is_final)
             self.iterations, self.factors, self.decades, self.narrow = costs
@@ -114,7 +114,7 @@ class SerialSubdomain:
 
         Args:
             contacts: Constraints and tangent of each contact pair.
-            version: Version of the matrix's values, whose rows the factors keep.
+            version: Version of the values of the matrix, of which the subdomain caches rows.
             wide: Whether to include neighbours of neighbours.
         """
         if version != self._version:
@@ -188,7 +188,7 @@ class ContactSchwarz:
         self._width.serialize(archive)
         arrays = [array for blocks in self._contacts for array in blocks]
         known = archive.local("schwarz", arrays if version == self._version else None)
-        if not archive.giving:
+        if not archive.restores:
             return
         self._version = _NOTHING
         if known is not None:
@@ -278,7 +278,7 @@ def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
 
 
 def _change(now: ContactBlocks, then: ContactBlocks, slopes_then: Floats) -> float:
-    """Largest change of an entry of the tangent, or its largest entry if nodes differ [N/m].
+    """Largest change of an entry of the tangent; its largest entry if nodes differ [N/m].
 
     ``slopes_then`` is `slopes_at_nodes` of ``then``.
     """

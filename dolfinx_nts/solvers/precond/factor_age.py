@@ -21,10 +21,10 @@ _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
 # Largest number of iterations [-] with the strongest complete factors: the cost of new ones and of
 # factors of the complete system.
 _MOST_ITERATIONS = 80
-# Iterations per decade of reduction [-] above which the next stronger factors are cheaper than new
-# ones of the same kind; above which ILU(1) is cheaper than ILU(0), and number of decades over which
-# this is measured; and above which complete factors of the nearby matrix are replaced by factors of
-# the derivative.
+# Iterations per decade of reduction [-] above which stronger factors are cheaper than new factors
+# of the same kind; above which ILU(1) is cheaper than ILU(0), with the number of decades over which
+# they are measured; and above which factors of the derivative replace complete factors of the
+# approximate matrix.
 _SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
 # Courant number above which strong factors are used from the start.
 _MOST_CROSSINGS = 50.0
@@ -171,7 +171,7 @@ class FactorAge:
         paces = self._first, self._last, self._in_contact
         age = np.array([self._fresh, self._excess, *np.ravel([astuple(pace) for pace in paces])])
         age = archive.same("age_of_factors", age)
-        if not archive.giving:
+        if not archive.restores:
             return
         self._begin()
         if self._factors.point is not None:

@@ -13,7 +13,7 @@ __all__ = ["Mobility"]
 
 
 class Mobility(NamedTuple):
-    """Correction of the factors B of a matrix with an artificial stiffness in ``k`` free motions.
+    """Correction of the factors B of a matrix for an artificial stiffness in ``k`` free motions.
 
     Only the artificial stiffness D resists the free motions P, so that B D P = P. It is replaced by
     another stiffness D' in a subset Q of the motions, and all others are suppressed: B becomes B -
@@ -29,14 +29,19 @@ class Mobility(NamedTuple):
 
     @classmethod
     def of(
-        cls, comm: MPI.Comm, motions: Floats, held: Floats, present: Floats | float, wanted: Floats
+        cls,
+        comm: MPI.Comm,
+        motions: Floats,
+        suppressed: Floats,
+        present: Floats | float,
+        wanted: Floats,
     ) -> "Mobility":
         """Compute the correction. Collective.
 
         Args:
             comm: Communicator of the mesh.
             motions: The free motions at the owned nodes, shape ``(k, n, d)`` [-].
-            held: Suppressed combinations of the free motions, shape ``(k, h)``.
+            suppressed: Suppressed combinations of the free motions, shape ``(k, h)``.
             present: Artificial stiffness D of the matrix, shape ``(n, 1)`` or of all nodes [N/m].
             wanted: Stiffness D' that replaces it, shape ``(n, 1)`` [N/m].
         """
@@ -44,7 +49,7 @@ class Mobility(NamedTuple):
         rows = motions.reshape(k, motions[0].size if k else 0)
         weighted = [(stiffness * motions).reshape(rows.shape) for stiffness in (present, wanted)]
         before, after = reductions.total(comm, np.array([some @ rows.T for some in weighted]))
-        free = np.linalg.svd(held)[0][:, held.shape[1] :]
+        free = np.linalg.svd(suppressed)[0][:, suppressed.shape[1] :]
         inverse = free @ np.linalg.solve(free.T @ after @ free, free.T)
         return cls(motions, inverse - np.linalg.inv(before))
 

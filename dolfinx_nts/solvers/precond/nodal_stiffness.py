@@ -43,14 +43,14 @@ class AddedStiffness:
         self.drag: Floats | float = 0.0
         self.in_addition: Floats | float = 0.0
 
-    def added(self, held: Floats | float, *, is_exact: bool) -> Floats | float:
+    def added(self, clamping: Floats | float, *, is_exact: bool) -> Floats | float:
         """Stiffness to add to the diagonal, ``(n, 1)`` or of all nodes [N/m].
 
         Args:
-            held: Stiffness by which the matrix clamps nodes, of the same shape [N/m].
+            clamping: Stiffness by which the matrix clamps nodes, of the same shape [N/m].
             is_exact: Whether the matrix is the derivative itself, not a nearby definite matrix.
         """
-        shift = self.shift + held
+        shift = self.shift + clamping
         return (shift if is_exact else NEARBY_SHIFT * shift) + self.drag
 
 
@@ -67,12 +67,12 @@ class NodalStiffness:
 
     Attributes:
         values: Stiffness of the owned nodes, ``(n,)`` [N/m]; None before the first matrix.
-        held: Stiffness by which matrices clamp nodes, ``(n, 1)`` [N/m].
+        clamping: Stiffness by which matrices clamp nodes, ``(n, 1)`` [N/m].
     """
 
     def __init__(self, V: fem.FunctionSpace, fixed: Ints, bodies: Sequence[Ints] = ()) -> None:
         self.values: Floats | None = None
-        self.held: Floats | float = 0.0
+        self.clamping: Floats | float = 0.0
         self._is_free = np.ones((V.dofmap.index_map.size_local, dimension(V)), dtype=bool)
         self._is_free.ravel()[fixed] = False
         # Expected relative stiffness: in axisymmetric meshes it grows with the radius.

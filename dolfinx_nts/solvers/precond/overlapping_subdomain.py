@@ -59,7 +59,7 @@ class OverlappingSubdomain:
         near = self._near(contacts)
         nodes = _unique([part for blocks in near for part in (blocks.nodes, blocks.tangent_nodes)])
         same = (version, wide) == (self._version, self._is_wide)
-        enough = same and self._gathered.cover(nodes)
+        enough = same and self._gathered.contain(nodes)
         if not reductions.everywhere(self._rows.index_map.comm, enough):
             self._version, self._is_wide = version, wide
             self._gathered = _GatheredRows(self._rows, self._ends, nodes, wide=wide)
@@ -70,9 +70,9 @@ class OverlappingSubdomain:
         self._gathered.correct(r, z)
 
     def _near(self, contacts: Sequence[ContactBlocks]) -> list[ContactBlocks]:
-        """Contacts of all ranks that include a node to which a row of this rank is coupled."""
+        """Contacts of all ranks with a node that is a column in the rows of this rank."""
         comm = self._rows.index_map.comm
-        self._learn(_unique([a for c in contacts for a in (c.nodes, c.tangent_nodes.ravel())]))
+        self._find_ranks(_unique([a for c in contacts for a in (c.nodes, c.tangent_nodes.ravel())]))
         parts = {}
         for rank, reached in self._reaches.items():
             part = [_touching(blocks, reached) for blocks in contacts]
@@ -81,8 +81,8 @@ class OverlappingSubdomain:
         received = exchanged(comm, parts).values()
         return [ContactBlocks.concatenated(every) for every in zip(*received, strict=True)]
 
-    def _learn(self, nodes: GlobalInts) -> None:
-        """Find the ranks with new contact nodes in the columns of their rows."""
+    def _find_ranks(self, nodes: GlobalInts) -> None:
+        """Find the ranks whose rows have new contact nodes as columns."""
         comm = self._rows.index_map.comm
         new = np.setdiff1d(nodes, self._known, assume_unique=True)
         if not reductions.anywhere(comm, len(new) > 0):
@@ -102,7 +102,7 @@ class OverlappingSubdomain:
 
 
 def _touching(contacts: ContactBlocks, nodes: GlobalInts) -> ContactBlocks:
-    """Constraints and blocks whose node lists include some of these nodes."""
+    """Constraints and blocks whose node lists include any of ``nodes``."""
     flags = (np.isin(some, nodes) for some in (contacts.nodes, contacts.tangent_nodes))
     return contacts.take(*contacts.touching(*flags))
 
@@ -148,7 +148,7 @@ class _GatheredRows:
         """Number of nodes of the subdomain."""
         return self._factors.size
 
-    def cover(self, nodes: GlobalInts) -> bool:
+    def contain(self, nodes: GlobalInts) -> bool:
         """Whether the rows contain other nodes of contacts."""
         return bool(np.isin(nodes, self._contacts).all())
 

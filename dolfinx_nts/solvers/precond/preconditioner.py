@@ -139,7 +139,7 @@ class BulkPreconditioner:
 
     @property
     def has_responses(self) -> bool:
-        """Whether `responses` are accurate and affordable: with ILU(1) and complete factors."""
+        """Whether `responses` are accurate and cheap enough: with ILU(1) and complete factors."""
         return _MULTIGRID not in self._kinds and self._kind != _ILU0
 
     def build(self) -> None:
@@ -218,7 +218,7 @@ class BulkPreconditioner:
         strength = archive.same("strength_of_factors", self._strength)
         last = archive.local("tangent", tangent.point)
         point = last if shared else archive.local("factors", self.point)
-        if not archive.giving or (last is tangent.point and point is self.point):
+        if not archive.restores or (last is tangent.point and point is self.point):
             return
         self._strength, self.point, self._factors = strength, None, None
         tangent.forget()

@@ -94,7 +94,7 @@ class Tangent(AddedStiffness):
         return self._stiffness.values
 
     def assemble_nearby(self) -> None:
-        """Assemble the nearby matrix, see ``nearby``, at u. Collective."""
+        """Assemble the definite approximation ``nearby`` of the derivative at u. Collective."""
         if self._nearby is not None:
             self._assemble([self._nearby.compiled], is_exact=False)
         else:
@@ -108,7 +108,7 @@ class Tangent(AddedStiffness):
         self._assemble(self._exact, is_exact=True)
 
     def matrix(self, *, scalar: bool) -> Any:
-        """Copy of `rows` for PETSc. Collective.
+        """PETSc matrix with a copy of the last matrix. Collective.
 
         Args:
             scalar: Whether entries are scalars, which all of PETSc supports, or nodal blocks. A
@@ -147,7 +147,7 @@ class Tangent(AddedStiffness):
         finally:
             _set(self._inputs, present)
 
-    def hold(self, nodes: Ints) -> Floats:
+    def clamp(self, nodes: Ints) -> Floats:
         """Clamp owned nodes in all matrices from now on. Collective.
 
         Returns:
@@ -155,19 +155,19 @@ class Tangent(AddedStiffness):
         """
         self._stiffness.leave_out(nodes)
         stiffness = self.nodal_stiffness()[:, None]
-        held = self._stiffness.held = np.zeros_like(stiffness)
-        held[nodes] = stiffness[nodes]
+        clamping = self._stiffness.clamping = np.zeros_like(stiffness)
+        clamping[nodes] = stiffness[nodes]
         self.forget()
-        holding: Floats = NEARBY_SHIFT * held[nodes]
-        return holding
+        clamping_nearby: Floats = NEARBY_SHIFT * clamping[nodes]
+        return clamping_nearby
 
     @property
-    def held(self) -> Floats | float:
-        """Clamping stiffness of the nodes given to `hold`, shape as for `shift`."""
-        return self._stiffness.held
+    def clamping(self) -> Floats | float:
+        """Clamping stiffness of the nodes passed to `clamp`, shape as for `shift`."""
+        return self._stiffness.clamping
 
     def forget(self) -> None:
-        """Return to the state before the first matrix. Local."""
+        """Discard the last matrix. Local."""
         self.point = self._stiffness.values = None
 
     def _rigid_motions(self, matrix: Any) -> Any:
@@ -206,7 +206,7 @@ class Tangent(AddedStiffness):
             _add(form, csr, self._supports.conditions)
         csr.scatter_reverse()
         self._rows.set_diagonal(self._supports.fixed, 1.0)
-        self._rows.add_to_diagonal(self.added(self.held, is_exact=is_exact))
+        self._rows.add_to_diagonal(self.added(self.clamping, is_exact=is_exact))
         self.in_addition = self.added(0.0, is_exact=is_exact)
         stiffness = self._stiffness.of(self._rows)
         self._stiffness.values = stiffness + self._add_to(self._rows)

@@ -53,7 +53,7 @@ class Guides:
         return self._with_halves((last - first) * self.remaining(0.0), np.tan)
 
     def _with_halves(self, amplitudes: Floats, function: np.ufunc) -> Floats:
-        """Convert between rotation and Cayley vectors by a function of half their length."""
+        """Convert between rotation and Cayley vectors by a function of half of their length."""
         dim = len(self._bodies[0].point)
         half = np.linalg.norm(amplitudes[:, dim:], axis=1, keepdims=True) / 2
         factor = np.where(half > 0, function(half) / np.where(half > 0, half, 1.0), 1.0)

@@ -47,7 +47,7 @@ class Freedom(NamedTuple):
         return Freedom(self.free[some], self.no_motion[some])
 
     def part(self, amplitudes: Floats) -> Floats:
-        """Projection of the amplitudes of all motions on free motions, both ``(b, k)``."""
+        """Project the amplitudes of all motions on the free motions, both ``(b, k)``."""
         return self._back((self.free @ amplitudes[..., None])[..., 0])
 
     def solved(self, matrices: Array, right: Floats) -> Floats:

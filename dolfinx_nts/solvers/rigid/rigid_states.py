@@ -44,22 +44,22 @@ class RigidStates:
         self._bodies, self.guides = tuple(bodies), Guides(self._comm, bodies)
         self.dim, self.exists = dimension(V), bool(bodies)
         self._is_axisymmetric = is_axisymmetric(V.mesh)
-        self._given: set[tuple[LinearFields, str]] = set()
+        self._were_set: set[tuple[LinearFields, str]] = set()
         none = np.empty(0, dtype=np.int32)
         self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
         if self.exists:
             self._fields = RigidFields(self._comm, bodies)
 
-    def given(self, body: Body, name: str) -> None:
-        """Mark a body whose state was set, so that `check` includes all its nodes. Local.
+    def mark_set(self, body: Body, name: str) -> None:
+        """Mark a body whose state the user has set, so that `check` includes all its nodes. Local.
 
         ``name`` is ``"displacement"`` or ``"velocity"``.
         """
-        self._given |= {(each, name) for each in self._bodies if each.body is body}
+        self._were_set |= {(each, name) for each in self._bodies if each.body is body}
 
     def restored(self) -> None:
         """Treat the state of all bodies as the result of a step. Local."""
-        self._given = set()
+        self._were_set = set()
 
     def check(self, u: Floats, v: Floats) -> None:
         """Raise unless displacements u [m], and velocities v [m/s] that have been set, are rigid.
@@ -81,10 +81,10 @@ class RigidStates:
         velocities = combined(self._fields.nearest(motions, of_v), motions)
         for i, body in enumerate(self._bodies):
             misfits = {"displacement": strains[i]}
-            if (body, "displacement") in self._given:
+            if (body, "displacement") in self._were_set:
                 bent = self._greatest(body, u, fields[i]) / body.size
                 misfits["displacement"] = max(misfits["displacement"], bent)
-            if (body, "velocity") in self._given:
+            if (body, "velocity") in self._were_set:
                 rest = self._greatest(body, v, velocities[i])
                 misfits["velocity"] = rest / (self._greatest(body, v, 0 * velocities[i]) or 1.0)
             for name, misfit in misfits.items():
@@ -96,6 +96,6 @@ class RigidStates:
         self.restored()
 
     def _greatest(self, body: LinearFields, values: Floats, field: Floats) -> float:
-        """Largest component of nodal values of a body minus a field."""
+        """Largest component of the difference of nodal values of a body and a linear field."""
         rest = values[body.nodes] - body.values @ field
         return reductions.largest(self._comm, _kernels.largest_size(rest))

@@ -67,5 +67,5 @@ class Drag:
     def force(self) -> Floats:
         """Force on the owned dofs, 0 where u is prescribed, shape ``(d n,)`` [N]. Local."""
         force: Floats = (self._resistance * (self._nodes - self._reference)).ravel()
-        force[self._bulk.given] = 0
+        force[self._bulk.is_prescribed] = 0
         return force

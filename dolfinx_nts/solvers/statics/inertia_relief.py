@@ -60,7 +60,7 @@ class _Relief:
         gram: Products of both, shape ``(k, k)`` [kg].
         force: Force that inertia carries, shape ``(n, 3)`` [N].
         free: All free motions at the owned nodes, shape ``(f, n, 3)`` [-].
-        held: Suppressed motions as combinations of the free ones, shape ``(f, k)``.
+        suppressed: Suppressed motions as combinations of the free ones, shape ``(f, k)``.
         share: Ratio of the force to the forces at work [-].
         driven: Description of bodies accelerated by unbalanced forces, empty if there are none.
         presses: Whether any contact transmits force.
@@ -71,7 +71,7 @@ class _Relief:
     gram: Floats
     force: Floats
     free: Floats
-    held: Floats
+    suppressed: Floats
     share: float = 0.0
     driven: str = ""
     presses: bool = False
@@ -81,8 +81,8 @@ class _Relief:
         """Relief without suppressed motions."""
         nodal = np.zeros(free.shape[1:])
         empty, gram = np.zeros((0, nodal.size)), np.zeros((0, 0))
-        held = np.zeros((len(free), 0))
-        return cls(empty, empty, gram, nodal, free, held, driven=driven, presses=presses)
+        suppressed = np.zeros((len(free), 0))
+        return cls(empty, empty, gram, nodal, free, suppressed, driven=driven, presses=presses)
 
 
 class InertiaRelief:
@@ -92,7 +92,7 @@ class InertiaRelief:
         bodies: The free bodies.
         tangent: Matrix of the bulk.
         mass: Lumped masses of the owned nodes, shape ``(n,)`` [kg].
-        given: Flags of the displacements that boundary conditions prescribe, shape ``(n, d)``.
+        is_prescribed: Flags of the displacements with boundary conditions, shape ``(n, d)``.
 
     Attributes:
         bodies: The argument.
@@ -102,13 +102,13 @@ class InertiaRelief:
     """
 
     def __init__(
-        self, bodies: Sequence[FreeBody], tangent: Tangent, mass: Floats, given: Flags
+        self, bodies: Sequence[FreeBody], tangent: Tangent, mass: Floats, is_prescribed: Flags
     ) -> None:
         self.bodies, self._mass = tuple(bodies), mass[:, None]
-        self._given = given
+        self._is_prescribed = is_prescribed
         self._comm: MPI.Comm = tangent.comm
         self.shift = np.zeros_like(self._mass)
-        self._label = np.zeros(given.shape)  # number of the dof's body, from 1; 0 if none
+        self._label = np.zeros(is_prescribed.shape)  # number of the dof's body, from 1; 0 if none
         for number, body in enumerate(bodies, start=1):
             self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
             self._label[body.nodes] = number
@@ -122,7 +122,7 @@ class InertiaRelief:
         self.begin()
         for body in self.bodies:
             if self._comm.rank == 0:
-                _logger.info("only contact can hold %s", body)
+                _logger.info("only contact can support %s", body)
 
     def begin(self) -> None:
         """Begin a solution, without relief."""
@@ -163,7 +163,7 @@ class InertiaRelief:
             free[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
         # Rotations that are free in the reference configuration move the supports of a deformed
         # body.
-        free[:, self._given] = 0
+        free[:, self._is_prescribed] = 0
         pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
         pressing = reductions.total(self._comm, pressing)
         presses = bool(pressing > _NEGLIGIBLE * scale)
@@ -200,7 +200,7 @@ class InertiaRelief:
         return y
 
     @property
-    def is_loose(self) -> bool:
+    def is_unsupported(self) -> bool:
         """Whether there are free bodies and no contact transmits force. Local.
 
         Inertia then carries the loads, and the active set does not matter.
@@ -220,7 +220,7 @@ class InertiaRelief:
         if not self.bodies:
             return None
         relief, driven = self._relief, _DRIVEN * self.shift + drag
-        return Mobility.of(self._comm, relief.free, relief.held, added, driven)
+        return Mobility.of(self._comm, relief.free, relief.suppressed, added, driven)
 
     def accept(self) -> bool:
         """Whether the force carried by inertia is negligible; if not, lower its limit. Local."""
@@ -289,7 +289,7 @@ class InertiaRelief:
     def _neutral(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], presses: bool
     ) -> Floats:
-        """Unresisted motions as combinations of free ones, ``(free, neutral)``.
+        """Unresisted motions as combinations of the free motions, ``(free, neutral)``.
 
         Sliding nodes resist motions along the surface by friction alone, and not at all if contact
         transmits no force.

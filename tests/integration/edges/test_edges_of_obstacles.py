@@ -102,7 +102,7 @@ def test_ledger_and_momentum_balance_with_every_law(comm, law, moving):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("make", [partial(over_ridge, dt=0.004), explicit])
-def test_it_is_the_same_whether_the_cube_falls_or_the_obstacle_rises(comm, make):
+def test_result_is_the_same_if_the_obstacle_moves_instead_of_the_cube(comm, make):
     friction = nts.Coulomb(0.3)
     falls = make(comm, friction=friction, velocity=(0.0, 0.0, -1.0))
     rising = nts.Motion(translation=lambda t: (0.0, 0.0, t))

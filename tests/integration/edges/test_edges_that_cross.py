@@ -79,7 +79,7 @@ def test_edges_of_rigid_cubes_touch_by_default(comm):
 
 
 @pytest.mark.serial
-def test_without_edges_they_go_into_each_other(comm):
+def test_cubes_penetrate_without_edge_contact(comm):
     _, _, _, depth, _ = run(crossed(comm, is_rigid=True, edges=False, dt=0.01), 20)
     assert depth > 0.09
 
@@ -142,7 +142,7 @@ def test_any_number_of_ranks_finds_the_same(comm):
 
 
 @pytest.mark.serial
-def test_edges_out_of_reach_are_not_looked_at(comm, monkeypatch):
+def test_edges_out_of_reach_are_not_searched(comm, monkeypatch):
     scene = crossed(comm, is_rigid=True)
     scene.stepper.set_displacement(scene.bodies["upper"], (0.0, 0.0, 5.0))
     calls = []
@@ -198,7 +198,7 @@ def test_an_edge_passing_the_end_of_another_edge_has_no_contact(comm, enforcemen
 
 @pytest.mark.serial
 @pytest.mark.parametrize("slope", [0.3, 0.03, 0.003, 0.0])
-def test_edges_that_are_nearly_or_quite_flat_on_a_face_are_seen(comm, slope):
+def test_edges_nearly_flat_on_a_face_are_found(comm, slope):
     # A face of a cube lies nearly flat on the edge of the other cube. Undetected, it penetrates by
     # the slope times its length until a corner touches, and without limit if it is flat.
     scene = crossed(comm, is_rigid=True, n=1)

@@ -77,7 +77,7 @@ def test_eccentric_impact_obeys_newtons_law(comm, e):
 
 
 @pytest.mark.serial
-def test_midpoint_and_friction_return_it_too(comm):
+def test_restitution_holds_with_midpoint_and_friction(comm):
     place, velocity = (0.0, 0.0, np.sqrt(2) + 0.02), (0.0, 0.0, -1.0)
     blow = {"place": place, "velocity": velocity, "dt": 0.01}
     for laws in ({"scheme": nts.Midpoint}, {"friction": nts.Coulomb(0.2)}):

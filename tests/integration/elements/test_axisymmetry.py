@@ -375,13 +375,13 @@ def square(dim=2, low=0.0):
     ],
     ids=["cube", "both sides of the axis"],
 )
-def test_meshes_that_are_no_half_section_are_refused(make, message):
+def test_meshes_on_both_sides_of_the_axis_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         nts.axisymmetric(make())
 
 
 @pytest.mark.serial
-def test_a_mesh_becomes_axisymmetric_before_all_else():
+def test_axisymmetric_is_declared_before_other_objects():
     domain = square()
     V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
     nts.Surface.where(V, lambda x: np.isclose(x[1], 1.0))
@@ -400,7 +400,7 @@ def test_axis_without_nodes_gives_no_warning(caplog):
     assert not caplog.records
 
 
-def test_the_axis_is_no_surface():
+def test_facets_on_the_axis_are_no_surface():
     domain = square()
     nts.axisymmetric(domain)
     V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
@@ -430,7 +430,7 @@ def test_obstacles_that_are_not_of_revolution_are_refused(obstacle, message):
         )
 
 
-def test_an_obstacle_of_a_user_acts_as_the_sphere_that_it_is():
+def test_user_defined_sphere_acts_as_rigid_sphere():
     class Ball(nts.ExactObstacle):
         dim, is_of_revolution, shortest_passage = 2, True, 0.2
 

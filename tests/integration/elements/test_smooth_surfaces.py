@@ -180,7 +180,9 @@ def test_nodes_are_put_onto_the_smooth_surface(comm):
 
 
 @pytest.mark.parametrize("smooth", [False, once(True)])
-def test_nodes_caught_between_flat_facets_lead_to_the_advice(comm, agree, monkeypatch, smooth):
+def test_nodes_between_flat_facets_cause_advice_on_smooth_segments(
+    comm, agree, monkeypatch, smooth
+):
     text = "nodes that sank into a surface between two segments: 1"
     monkeypatch.setattr(implicit_stepper, "check_penetration", lambda step, dt: text)
     stepper = rings(comm, smooth=smooth)

@@ -137,7 +137,7 @@ def test_the_table_accounts_for_the_tool_in_other_schemes(comm, scheme, laws, dt
         )
 
 
-def test_a_wall_that_comes_is_a_wall_to_which_the_body_goes(comm):
+def test_moving_wall_is_equivalent_to_moving_body(comm):
     wall = nts.RigidPlane((0, 0, 0.08), (0.1, 0.05, -1))
 
     def positions(comm, obstacle, velocity):
@@ -160,7 +160,7 @@ def tool(t):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("obstacle", [BALL, TILE], ids=["ball", "tile"])
-def test_a_tool_in_a_body_is_a_body_that_is_pushed_onto_the_tool(comm, obstacle):
+def test_moving_tool_is_equivalent_to_moving_body(comm, obstacle):
     block, other = Block(comm), Block(comm)
     turning = nts.Motion(lambda t: tool(t)[1], lambda t: tool(t)[0])
     options = {"scheme": nts.QuasiStatic, "dt": 0.05}
@@ -184,7 +184,7 @@ def test_a_tool_in_a_body_is_a_body_that_is_pushed_onto_the_tool(comm, obstacle)
 
 
 @pytest.mark.at_most_two_ranks
-def test_gaps_are_those_to_where_the_tool_is_now(comm):
+def test_gaps_refer_to_the_current_position_of_the_tool(comm):
     block = Block(comm, cells=(1, 1, 1))
     floor = nts.RigidPlane((0, 0, -1), (0, 0, 1))
     moving = floor.moving(nts.Motion(lambda t: (0, 0, t), lambda t: (t, 0, 0), (0, 0, -1)))

@@ -125,7 +125,7 @@ def test_node_on_both_sides_of_a_pair_is_refused(comm, refused):
 
 @pytest.mark.parametrize("bad", [np.nan, *map(once, [np.inf, -np.inf])])
 @pytest.mark.parametrize("name", ["displacement", "velocity"])
-def test_state_that_is_no_number_is_refused(comm, bad, name, refused, agree):
+def test_state_that_is_not_finite_is_refused(comm, bad, name, refused, agree):
     scene = scenes.blocks(comm)
     scene.run(1)
     stepper = scene.stepper
@@ -173,7 +173,7 @@ def test_element_that_inverts_on_one_rank_is_named_on_all(comm, refused):
         stepper.advance()
 
 
-def test_empty_surface_of_a_file_is_no_tag(comm, refused):
+def test_empty_physical_group_of_a_file_has_no_tag(comm, refused):
     # A named surface without a facet is missing in the mesh file.
     data = box_meshes.boxes([(2, 2, 1)], [(1.0, 1.0, 0.5)])
     data.surfaces["nothing"] = np.array([0])

@@ -329,7 +329,7 @@ with nts.Recorder(sys.argv[2], stepper, **options) as record:
 
 
 @pytest.fixture(scope="module")
-def wholes(tmp_path_factory):
+def facet_nodes(tmp_path_factory):
     """Folders with the files of an uninterrupted script, by kind of fields."""
     folders = {fields: tmp_path_factory.mktemp(fields) for fields in ("xdmf", "vtkhdf")}
     for fields, folder in folders.items():
@@ -361,8 +361,8 @@ def run_script(path, fields, when="never", signum=0, call=0):
         ("step", signal.SIGINT, 5, "vtkhdf"),
     ],
 )
-def test_a_killed_script_continues_after_restart(tmp_path, wholes, when, signum, call, fields):
-    folder = shutil.copytree(wholes[fields], tmp_path / "runs")
+def test_a_killed_script_continues_after_restart(tmp_path, facet_nodes, when, signum, call, fields):
+    folder = shutil.copytree(facet_nodes[fields], tmp_path / "runs")
     killed = run_script(folder / "parts", fields, when, signum, call)
     assert killed.returncode in (-signum, 128 + signum), killed.stderr
     rows = (folder / "parts.csv").read_text().splitlines()

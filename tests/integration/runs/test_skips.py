@@ -73,7 +73,7 @@ def test_one_message_distributes_pairs_that_can_wake_a_body(comm, agree, monkeyp
 
 
 @pytest.mark.serial
-def test_contact_that_was_not_foreseen_wakes_the_body(comm, monkeypatch):
+def test_unpredicted_contact_wakes_the_body(comm, monkeypatch):
     scene, reference = ball_plate(comm, "plastic"), ball_plate(comm, "plastic")
     init = ContactStep.__init__
 
@@ -210,7 +210,7 @@ def test_bodies_that_share_nodes_sleep_together(comm, struck):
     assert max(active) > 0
 
 
-def test_body_that_is_not_in_equilibrium_is_no_body_at_rest(comm):
+def test_body_out_of_equilibrium_does_not_sleep(comm):
     scene = scenes.ball_plate(comm)
     stepper, plate = scene.stepper, scene.bodies["plate"]
     stepper.set_displacement(plate, lambda X: 1e-9 * X)
@@ -253,7 +253,7 @@ def test_bodies_far_apart_are_not_projected(comm, scheme):
 
 
 @pytest.mark.serial
-def test_without_active_nodes_nothing_is_eliminated(comm):
+def test_no_elimination_without_active_nodes(comm):
     scene = scenes.ball_plate(comm)
     solver = scene.stepper._solver
     for _ in range(3):
@@ -295,7 +295,7 @@ def test_without_friction_there_is_no_slip(comm, monkeypatch):
 
 
 @pytest.mark.serial
-def test_iterations_do_not_ask_for_the_dimension(comm, monkeypatch):
+def test_dimension_is_not_computed_in_iterations(comm, monkeypatch):
     """It takes the space of a function, its map of dofs, and a microsecond or two."""
     scene = scenes.ball_plate(comm)
     scene.stepper.advance()
@@ -341,7 +341,7 @@ def test_without_friction_nodes_are_balanced_again_only_where_some_change(comm, 
 
 
 @pytest.mark.serial
-def test_nodes_that_cannot_touch_are_looked_at_once_in_a_step(comm, monkeypatch):
+def test_nodes_out_of_reach_are_searched_once_per_step(comm, monkeypatch):
     scene, reference = ball_plate(comm, "elastic"), ball_plate(comm, "elastic")
     for each in (scene, reference):
         each.stepper.set_velocity(each.bodies["ball"], spinning)

@@ -60,7 +60,10 @@ def folder(tmp_path, monkeypatch):
         (lambda: nts.read_mesh("a.msh", None), "such as MPI.COMM_WORLD, given NoneType"),
         (lambda: nts.axisymmetric("mesh"), "expected a mesh, given str"),
         (lambda: plotting.energies(3), "CSV file of a Recorder, such as 'run.csv', given int"),
-        (lambda: plotting.energies("other.csv"), "given other.csv, which is none"),
+        (
+            lambda: plotting.energies("other.csv"),
+            "given other.csv, which has no column total_energy",
+        ),
         (lambda: plotting.ledger("empty.csv"), "a table with rows, given empty.csv"),
         (lambda: plotting.energy_error({}), "tables by the labels of their curves, given none"),
         (lambda: plotting.animate("other.csv", "a.gif"), ".vtkhdf or .xdmf file of a Recorder"),

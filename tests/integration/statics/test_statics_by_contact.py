@@ -230,7 +230,7 @@ def test_inertia_relief_is_reported_with_its_reason(mu, caplog):
 
 
 @pytest.mark.parametrize("g", [once((0, 0, 9.81), id="up"), (9.81, 0, -9.81)])
-def test_a_body_that_nothing_holds_is_named_with_its_motions(g):
+def test_unsupported_body_is_named_with_its_free_motions(g):
     blocks = Blocks()
     stepper = blocks.stepper([blocks.pair()], g)
     text = (

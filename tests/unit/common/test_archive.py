@@ -14,7 +14,7 @@ def test_numbers_come_back_with_their_kinds():
     for name, value in taken.items():
         assert archive.same(name, value) is value
     archive.rewind()
-    assert archive.giving
+    assert archive.restores
     for name, value in taken.items():
         given = archive.same(name, type(value)(0))
         assert (type(given), given) == (type(value), value)
@@ -50,6 +50,6 @@ def test_local_arrays_are_the_very_same_or_none():
     assert archive.local("nothing", [array]) is None
 
 
-def test_a_value_that_was_not_taken_is_missed():
+def test_value_that_is_not_restored_is_reported():
     with pytest.raises(KeyError, match="other"):
         Snapshot().rewind().same("other", 0.0)

@@ -71,7 +71,7 @@ def test_the_smallest_count_is_reset_with_single_changes(comm, waits):
     assert np.array_equal(pivoting.select(violates, node, 20)[0], violates)
 
 
-def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(comm):
+def test_waiting_nodes_keep_their_state_unless_violations_decrease(comm):
     ids = ids_of(comm)
     pivoting, node = pivoting_of(comm, ids, waits=np.inf), np.arange(4, dtype=np.int32)
     first, other = ids % 4 < 2, ids % 4 >= 2
@@ -86,7 +86,7 @@ def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(co
     assert np.array_equal(pivoting.select(ids % 4 == 2, node, 5)[0], ids % 4 == 2)
 
 
-def test_a_single_node_that_has_just_changed_waits(comm):
+def test_a_single_node_that_has_just_changed_keeps_its_state(comm):
     """Its multiplier belongs to an equilibrium that is not reached yet."""
     ids = ids_of(comm)
     pivoting, node = pivoting_of(comm, ids, waits=1), np.arange(4, dtype=np.int32)
@@ -100,7 +100,7 @@ def test_a_single_node_that_has_just_changed_waits(comm):
 
 
 @pytest.mark.parametrize("waits", [0, np.inf])
-def test_pairs_that_are_decided_on_at_once_do_not_see_each_other(comm, waits):
+def test_pairs_updated_together_are_independent(comm, waits):
     rng, n = np.random.default_rng(comm.rank), (5, 0, 3, 4)
     ends, ids = np.cumsum([0, *n]), rng.permutation(20)[: sum(n)] + 20 * comm.rank
     together = BlockPivoting(comm, ids, ends, waits)

@@ -182,7 +182,7 @@ def test_the_softer_of_similar_meshes_gives_the_nodes(comm, cells, stiffness, fi
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("stiff", [None, 1e9], ids=["rigid", "stiff"])
 @pytest.mark.parametrize("pad_faces_the_other", [True, False])
-def test_of_bodies_that_share_nodes_those_count_that_face_others(comm, stiff, pad_faces_the_other):
+def test_only_facing_bodies_of_connected_ones_determine_roles(comm, stiff, pad_faces_the_other):
     """A fine block, half of it a soft pad, faces a coarser block by its pad or its core."""
     first, _, _ = row(comm, (4, 3))
     V = first[0].V
@@ -378,7 +378,7 @@ def test_invalid_surfaces_and_pairs_are_refused(comm, refused):
         nts.boundary_of(bodies[0], where=lambda x: x[2] > 2)
     with refused(ValueError, "facets of the boundary, given none"):
         nts.Surface.where(bodies[0].V, lambda x: x[2] > 2)
-    with refused(ValueError, "self contact of bodies of the scene, given 1 that are not"):
+    with refused(ValueError, "bodies of the scene as self_contact, given 1 other bodies"):
         nts.all_pairs(
             bodies[:2],
             self_contact=bodies[2:],

@@ -59,7 +59,7 @@ def test_given_laws_are_kept(scene, surfaces, laws):
         assert (own.enforcement, own.method) == (laws["enforcement"], laws["method"])
 
 
-def test_one_of_both_may_be_given(scene, surfaces):
+def test_law_or_method_alone_may_be_given(scene, surfaces):
     pair = nts.ContactPair(*surfaces, method="node-to-segment")
     assert used(nts.EnergyMomentum, scene, pair) == (SPRINGS, "node-to-segment")
     assert used(nts.QuasiStatic, scene, pair) == (MULTIPLIERS, "node-to-segment")
@@ -67,7 +67,7 @@ def test_one_of_both_may_be_given(scene, surfaces):
     assert used(nts.EnergyMomentum, scene, pair) == (MULTIPLIERS, "mortar")
 
 
-def test_contact_that_mortar_cannot_have_is_at_nodes(scene, surfaces, refused):
+def test_unsupported_mortar_pairs_default_to_node_to_segment(scene, surfaces, refused):
     nodes, segments = surfaces
     for pair in (
         nts.ContactPair(nodes, FLOOR),

@@ -292,7 +292,7 @@ def test_numbers_of_other_laws_are_checked():
 
 
 @pytest.mark.parametrize("mu", [-0.1, np.nan, np.inf])
-def test_coefficient_that_is_no_coefficient_is_refused(mu):
+def test_invalid_coefficient_of_friction_is_refused(mu):
     with pytest.raises(ValueError, match=rf"mu >= 0, given {mu}"):
         nts.Coulomb(mu)
 
@@ -326,7 +326,7 @@ def test_multipliers_balance_forces_and_tractions_at_the_nodes(rng, components):
     assert np.all(multipliers[sticks, components:] == 0)
 
 
-def test_multipliers_of_singular_systems_are_no_numbers(rng):
+def test_multipliers_of_singular_systems_are_nan(rng):
     normal, force = rng.normal(size=(2, 1, 3))
     none, rank = np.zeros((2, 1, 2)), np.array([3], dtype=np.int32)
     assert np.isnan(_kernels.balance(normal, force, np.ones((1, 3, 3)), rank, *none)).all()

@@ -33,7 +33,7 @@ def solve(direction, lagged, limit):
     return slip, P + P_BY_SLIP @ slip, T + T_BY_SLIP @ slip
 
 
-def test_one_state_only_is_a_solution():
+def test_friction_problem_has_a_single_solution():
     found = []
     for direction in product((-1, 0, 1), repeat=2):
         slip, p, t = solve(np.array(direction), np.zeros(2, dtype=bool), P)
@@ -75,7 +75,7 @@ def test_lagged_limits_converge_to_the_solution(comm, start):
 
 
 @pytest.mark.serial
-def test_without_lag_nodes_go_round_in_a_circle(comm):
+def test_without_lag_nodes_cycle(comm):
     """From where the first node slides on, which nothing contradicts."""
     assert not iterate(comm, False, (1, 0))[1]
 

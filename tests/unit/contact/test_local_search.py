@@ -54,7 +54,7 @@ def iterate(search, at, node):
     """Two iterates between which the node has and loses its segment again."""
     for number, place in enumerate((OVER, DEEP), 1):
         search.find(search.candidates.scatter.forward(at(place)), node, number)
-    assert search.restless[node].all()
+    assert search.unsettled[node].all()
     assert search.segment[node] == -1
 
 
@@ -68,7 +68,7 @@ def equilibrium(scene, place, held=False):
 
 
 @pytest.mark.parametrize("depth", [0.1, 1e-6])
-def test_node_that_iterates_have_lost_is_not_left_inside(scene, depth):
+def test_node_lost_during_iterations_is_not_left_inside(scene, depth):
     moved, segment = equilibrium(scene, (0.8, -depth))
     assert moved == 1
     assert segment >= 0
@@ -91,4 +91,4 @@ def test_gap_of_a_node_that_stays_follows_the_node(scene):
         if number > 1:
             assert segment >= 0
             assert search.gap[node] == pytest.approx(place[1], abs=1e-12)
-    assert search.restless[node].all()
+    assert search.unsettled[node].all()

@@ -162,7 +162,7 @@ def _recording(load, paths):
 
 
 @pytest.mark.serial
-def test_nobody_translates_for_a_library_that_is_there(comm, monkeypatch):
+def test_existing_library_is_not_generated_again(comm, monkeypatch):
     """Each stepper asks for several libraries, and what FFCx writes may be long."""
     form = compile_quickly(virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0)))
     assert batched_kernels(form) is not None
@@ -191,7 +191,7 @@ def test_forms_that_cannot_be_batched_use_ffcx(comm, monkeypatch, caplog):
 
 
 @pytest.mark.serial
-def test_nobody_waits_for_the_compiler_before_the_form_is_assembled(comm, monkeypatch, tmp_path):
+def test_compilation_runs_in_the_background_until_assembly(comm, monkeypatch, tmp_path):
     work = virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0))
     compiler, go = tmp_path / "compiler", tmp_path / "go"
     cxx = sysconfig.get_config_var("CXX") or "c++"

@@ -84,7 +84,7 @@ def test_resistance_falls_slowly_along_a_motion_that_is_not_stable_and_fast_at_r
     assert resistance.part == pytest.approx(part / 20)
 
 
-@pytest.mark.parametrize(("change", "end"), [("fail", "is_too_large"), ("accept", "is_gone")])
+@pytest.mark.parametrize(("change", "end"), [("fail", "is_too_large"), ("accept", "is_negligible")])
 def test_resistance_has_ends(change, end):
     resistance = Resistance()
     args = () if change == "fail" else (1.0,)

@@ -70,6 +70,6 @@ def test_table_with_other_rows_is_refused_and_left_alone(path, damage):
     path.write_bytes(damage(path.read_bytes()))
     before = path.read_bytes()
     table.close()
-    with pytest.raises(ValueError, match="given other rows; put the table back"):
+    with pytest.raises(ValueError, match="given other rows; restore the table"):
         table.open(["step"], resume=True)
     assert path.read_bytes() == before

@@ -30,13 +30,13 @@ def other_pairs(stepper, enforcement=None, friction=None, turned=False):
     return nts.EnergyMomentum(stepper.bodies, [nts.ContactPair(*sides, *laws)], dt=BLOCK_STEP)
 
 
-def test_it_is_the_same_on_all_ranks_and_for_any_number_of_them(comm):
+def test_fingerprint_does_not_depend_on_the_ranks(comm):
     mine = fingerprint(blocks(comm).stepper)
     assert comm.allgather(mine) == [mine] * comm.size
     assert fingerprint(blocks(MPI.COMM_SELF).stepper) == mine
 
 
-def test_energies_are_looked_at_once(comm, monkeypatch):
+def test_digest_of_an_energy_is_cached(comm, monkeypatch):
     """Every checkpoint of a run needs the fingerprint, which is the same each time."""
     calls, make = [], module.bulk_form
     monkeypatch.setattr(module, "bulk_form", lambda *given: calls.append(given) or make(*given))

@@ -339,7 +339,7 @@ def test_columns_and_fields_of_the_user_that_do_not_fit_are_refused(comm, folder
             pass
 
     for column, reason in (
-        ({"dt": lambda s: 1.0}, "names that are not taken by columns, given 'dt'"),
+        ({"dt": lambda s: 1.0}, "names that no other column has, given 'dt'"),
         ({"two": lambda s: (1.0, 2.0)}, r"a number or three for the column two, given \(2,\)"),
     ):
         with refused(ValueError, reason):
@@ -348,9 +348,9 @@ def test_columns_and_fields_of_the_user_that_do_not_fit_are_refused(comm, folder
         enter(own_columns={"bad": lambda s: 1 / 0 if comm.rank == comm.size - 1 else 1.0})
     constant = fem.Function(fem.functionspace(V.mesh, ("DG", 0)))
     for field, reason in (
-        ({"gap": lambda s: s.x}, "names that are not taken by fields, given 'gap'"),
+        ({"gap": lambda s: s.x}, "names that no other field has, given 'gap'"),
         ({"two": lambda s: np.ones(3 * len(s.x))}, "with a row for each owned node, given"),
-        ({"c": constant}, "Lagrange of degree 1, scalar or of three components, given"),
+        ({"c": constant}, "a Lagrange Function of degree 1, scalar or of three components"),
         ({"a b": constant}, "names of own_fields made of letters, digits and _, given 'a b'"),
     ):
         with refused(ValueError, reason):

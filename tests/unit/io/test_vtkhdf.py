@@ -114,7 +114,7 @@ def test_memory_of_written_states_is_used_again(tmp_path, run, monkeypatch):
         run.go_to(step)
         clock[0] += 0.4
         file.write(Present(run))
-        held = [state["displacement"].values.ctypes.data for _, _, state in file._held]
+        held = [state["displacement"].values.ctypes.data for _, _, state in file._buffered]
         assert len(set(held)) == len(held) <= 3
         places |= set(held)
     file.close()

@@ -42,7 +42,7 @@ def test_each_element_is_there_at_once(tmp_path, series):
     assert [path.name for path in tmp_path.iterdir()] == ["a.xml"]
 
 
-def test_one_that_goes_on_ends_as_one_at_a_stretch(tmp_path, series):
+def test_resumed_file_equals_an_uninterrupted_one(tmp_path, series):
     series.start(element(number) for number in range(3))
     series.append(element(3))
     series.close()
@@ -54,7 +54,7 @@ def test_one_that_goes_on_ends_as_one_at_a_stretch(tmp_path, series):
     assert (tmp_path / "a.xml").read_text() == parts
 
 
-def test_the_file_is_replaced_less_and_less_often(series, monkeypatch):
+def test_file_is_replaced_ever_more_rarely(series, monkeypatch):
     sizes = []
     replace = xml_series.replace
     monkeypatch.setattr(
@@ -66,7 +66,7 @@ def test_the_file_is_replaced_less_and_less_often(series, monkeypatch):
     assert len(sizes) < 12 and sum(sizes) < 5 * sizes[-1]
 
 
-def test_it_is_valid_after_a_kill_at_any_instant(tmp_path, series, monkeypatch):
+def test_file_is_valid_after_a_kill_at_any_instant(tmp_path, series, monkeypatch):
     path, count, lengths, done = tmp_path / "a.xml", 0, set(), False
     while not done:
         count += 1

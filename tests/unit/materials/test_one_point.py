@@ -150,14 +150,14 @@ def test_defect_of_the_bulk_takes_the_same_points(comm, scheme):
 
 
 @pytest.mark.serial
-def test_names_that_are_no_parameters_are_refused(refused):
+def test_unknown_names_of_one_point_are_refused(refused):
     for names in (["kappa"], ["lmbda", "mu"]):
         with refused(ValueError, re.escape("some but not all of ['lmbda', 'mu']")):
             nts.SaintVenantKirchhoff(E, NU, RHO, one_point=names)
 
 
 @pytest.mark.serial
-def test_an_energy_that_is_no_sum_of_its_parts_is_refused(refused):
+def test_energy_nonlinear_in_its_parameters_is_refused(refused):
     def psi(C, a, b):
         return a * b * (C[0, 0] - 1) ** 2 + a * (C[1, 1] - 1) ** 2
 

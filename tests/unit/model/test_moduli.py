@@ -204,7 +204,7 @@ def test_fibres_along_a_function_act_as_those_along_its_value(comm, scheme):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("kind", ["function", "coordinate"])
-def test_values_of_fields_are_refused_and_not_searched_without_end(comm, kind):
+def test_numerical_values_of_fields_are_refused(comm, kind):
     mesh = Box(comm).mesh
     E = field(mesh, halves)
     if kind == "coordinate":

@@ -171,7 +171,7 @@ def test_an_obstacle_is_another_one_when_it_moves():
         moving.motion = nts.Motion()
 
 
-def test_motions_that_are_none_are_refused():
+def test_invalid_motions_are_refused():
     with pytest.raises(TypeError, match=r"expected a Motion, .* given <function"):
         nts.RigidPlane((0, 0, 0), (0, 0, 1)).moving(lambda t: (0, 0, t))
     with pytest.raises(TypeError, match=r"expected a function of the time as translation, given"):

@@ -218,7 +218,7 @@ def test_body_that_is_put_into_an_obstacle_between_steps_is_refused(comm, refuse
 
 
 @pytest.mark.serial
-def test_numbers_that_make_no_obstacle_are_refused():
+def test_invalid_numbers_of_obstacles_are_refused():
     with pytest.raises(ValueError, match=r"radius > 0, given -1"):
         nts.RigidSphere((0, 0, 0), -1)
     with pytest.raises(ValueError, match="three finite numbers for centre"):

@@ -45,12 +45,12 @@ def test_facets_turn_to_the_outside_whatever_their_sense(rng):
             np.testing.assert_allclose(gap[0], 0.1 * side)
 
 
-def test_facets_that_make_no_surface_are_refused():
+def test_invalid_facets_are_refused():
     with pytest.raises(ValueError, match=r"shape \(s, 3\) or \(s, 4\)"):
         nts.RigidSurface([[0, 0, 0]], [[0, 0]], (0, 0, 1))
     with pytest.raises(ValueError, match="indices of points, from 0 to 0, given 0 to 2"):
         nts.RigidSurface([[0, 0, 0]], [[0, 1, 2]], (0, 0, 1))
-    with pytest.raises(ValueError, match="without area, or in one plane with it"):
+    with pytest.raises(ValueError, match="expected facets with an area, in planes"):
         nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], (5, 5, 0))
 
 

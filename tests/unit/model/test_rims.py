@@ -17,7 +17,7 @@ facets_ = pytest.mark.parametrize("cell", FACETS)
 
 
 @facets_
-def test_edge_of_one_facet_is_a_rim_and_that_of_two_is_none(cell, rng):
+def test_only_edges_of_a_single_facet_are_rims(cell, rng):
     facets = np.array(FACETS[cell], dtype=np.int32)
     # Near the left rim, near the middle edge x = 1, and below the lower rim.
     points = np.array([[-0.2, 0.45, -0.3], [0.95, 0.45, 0.1], [0.4, -0.1, 0.0]])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.parallel.slabs import Slab, Slabs, Some, looked_up
+from dolfinx_nts.parallel.slabs import Slab, Slabs, Some, fetch_rows
 
 # Numbers of vertices, and of edge midpoints, which need 62 bits.
 NUMBERS = np.concatenate([3 * np.arange(200), 2**31 * np.arange(1, 1801) + 5])
@@ -96,7 +96,9 @@ def test_an_array_of_one_rank_is_a_slab(agree):
 
 def test_a_number_that_no_rank_has_is_refused_on_all(comm, refused):
     known = np.arange(comm.rank * 10, comm.rank * 10 + 5)
-    assert looked_up(comm, known[::-1], known, table(known)).tolist() == table(known)[::-1].tolist()
+    assert (
+        fetch_rows(comm, known[::-1], known, table(known)).tolist() == table(known)[::-1].tolist()
+    )
     wanted = np.array([0, 7] if comm.rank == comm.size - 1 else [0])
-    with refused(ValueError, "expected numbers of rows that a rank has, given others"):
-        looked_up(comm, wanted, known, table(known))
+    with refused(ValueError, "expected numbers of rows that exist on a rank, given other numbers"):
+        fetch_rows(comm, wanted, known, table(known))

@@ -72,7 +72,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_others_are_no_pairs(case):
+def test_edges_that_do_not_face_each_other_are_no_pairs(case):
     x = REFUSED[case]
     pairs = candidates(x, turned=(case != "back to back", False))
     assert pairs.pair(CARRIER, x, NONE, 0.5)[0][0] == -1

@@ -24,7 +24,7 @@ def flattened(comm, cell):
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cell):
+def test_chosen_nodes_are_a_maximal_independent_set(comm, cell):
     surface, candidates, segment = flattened(comm, cell)
     eligible = segment >= 0
     urgency = surface.node_ids % 3
@@ -52,7 +52,7 @@ def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cel
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_one_wall_holds_both_where_they_lie_flat_on_each_other(comm, cell):
+def test_one_of_two_flat_walls_has_all_multipliers(comm, cell):
     """Where it would be the other wall's turn, no node could be held."""
     surface, candidates, segment = flattened(comm, cell)
     X = surface.V.tabulate_dof_coordinates()[surface.nodes]
@@ -68,7 +68,7 @@ def test_one_wall_holds_both_where_they_lie_flat_on_each_other(comm, cell):
     assert sorted(walls) == [0, all_nodes // 2]
 
 
-def test_without_candidates_nobody_is_taken(comm):
+def test_without_candidates_no_node_is_chosen(comm):
     surface, candidates, segment = flattened(comm, "hexahedron")
     none = np.zeros(len(segment), dtype=bool)
     assert not candidates.independent(surface, segment, none, np.zeros(len(segment))).any()

@@ -310,7 +310,7 @@ def test_no_segments_or_no_nodes_give_empty_results(k):
 
 @pytest.mark.untrapped
 @segments_
-def test_node_at_no_number_has_no_segment(k):
+def test_node_at_a_nan_position_has_no_segment(k):
     segments, orientation = bumpy_surface(k)
     assert find([np.nan, 0.5, 0.1], segments, orientation)[0][0] == -1
     assert find([np.nan, 0.5, 0.1], segments, orientation, current=3)[0][0] == -1

@@ -106,7 +106,7 @@ def test_points_do_not_depend_on_how_vertices_are_numbered(k, order, rng):
     turns = -1 if order in ([1, 0, 2], [2, 3, 0, 1]) else 1  # mirrored
     turned = surface.vertices[:, order].copy()
     other = replace(
-        surface, vertices=turned, wholes=turned, orientation=turns * surface.orientation
+        surface, vertices=turned, facet_nodes=turned, orientation=turns * surface.orientation
     )
     again = FacetPoints.choose(other, candidates, x, x, 1.0).points()
     np.testing.assert_allclose(again.shares.area, points.shares.area, rtol=1e-12)
@@ -173,7 +173,7 @@ def test_mean_gap_of_a_touching_node_stays_as_facets_slide_over_a_rim(k):
 
 
 @shapes
-def test_nodes_beyond_a_rim_are_no_lever(k):
+def test_nodes_beyond_a_free_edge_get_no_excessive_forces(k):
     """A sheet that turns about the rim opens; nodes beyond it hardly count as deep."""
     slope, facet = 0.1, 0.4
     for travel in np.arange(0.0, 0.8, 0.01):

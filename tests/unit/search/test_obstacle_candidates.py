@@ -77,7 +77,7 @@ def test_approach_is_the_longest_displacement_of_a_node(name, nodes, comm):
 
 
 @obstacles
-def test_nothing_is_sent(name, nodes):
+def test_obstacle_search_sends_no_messages(name, nodes):
     search = ObstacleSearch(OBSTACLES[name], nodes)
     candidates, x = search.candidates, nodes.V.tabulate_dof_coordinates()
     assert search.update(x, 0.1) == (candidates, False)

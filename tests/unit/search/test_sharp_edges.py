@@ -38,7 +38,7 @@ def test_a_box_has_its_twelve_edges_once_on_any_number_of_ranks(comm, cell):
 
 
 @pytest.mark.serial
-def test_concave_edges_blunt_ones_and_rims_are_none(comm):
+def test_concave_blunt_and_free_edges_are_not_sharp(comm):
     data = boxes([(2, 2, 1)], [(1.0, 1.0, 1.0)])
     whole = body(comm, data)
     assert SharpEdges.of(nts.boundary_of(whole)).total == 20

@@ -41,5 +41,5 @@ def test_a_surface_without_another_side_is_as_thick_as_it_is_wide(comm):
     np.testing.assert_allclose(wall(comm, top), 5.0, rtol=ROUNDING)
 
 
-def test_without_triangles_nothing_is_thin():
+def test_without_triangles_thickness_is_infinite():
     assert least_thickness(MPI.COMM_SELF, np.empty((0, 3, 3))) == np.inf

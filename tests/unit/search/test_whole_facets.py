@@ -7,7 +7,7 @@ import pytest
 
 from dolfinx_nts import compat
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.search.mortar.whole_facets import Hats, whole_facets
+from dolfinx_nts.search.mortar.whole_facets import HatFunctions, whole_facets
 from dolfinx_nts.search.scatter import NodalScatter
 
 pytestmark = pytest.mark.serial
@@ -29,12 +29,12 @@ def test_hats_are_linear_on_facets_and_forces_do_the_same_work_on_them(cell, rng
     element, none = Element(cell, 2), np.empty(0, dtype=np.int64)
     n, k = len(element.points), len(element.basix.entity_closure_dofs[0])
     index_map = compat.index_map(MPI.COMM_SELF, n, none, none.astype(np.int32))
-    hats = Hats(NodalScatter(index_map), np.arange(n, dtype=np.int32)[None], k)
+    hat_functions = HatFunctions(NodalScatter(index_map), np.arange(n, dtype=np.int32)[None], k)
     values = np.zeros((n, 3))
     values[:k] = element.points[:k] @ rng.normal(size=(2, 3)) + 0.4
-    field, forces = hats.spread(values), rng.normal(size=(n, 3))
+    field, forces = hat_functions.spread(values), rng.normal(size=(n, 3))
     middle = np.linalg.lstsq(np.c_[element.points, np.ones(n)], field, rcond=None)[1]
     assert np.abs(middle).max(initial=0.0) <= 1e-20
-    gathered = hats.gather(forces)
+    gathered = hat_functions.gather(forces)
     assert not gathered[k:].any()
     assert np.vdot(gathered, values) == pytest.approx(np.vdot(forces, field), rel=1e-12)

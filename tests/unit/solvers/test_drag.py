@@ -23,7 +23,7 @@ def test_force_and_tangent_have_the_resistance_while_it_acts(rng):
     x = x.reshape(-1, 2)
     drag, usual = Drag(bulk, tangent), bulk.action(x)
     free = np.ones(n, dtype=bool)
-    free[bulk.given] = False
+    free[bulk.is_prescribed] = False
     with drag.acting(PART, reference):
         moved = (bulk.u.x.array[:n] - reference).reshape(-1, 2)
         force = np.where(free, (PART * stiffness * moved).ravel(), 0.0)

@@ -86,7 +86,7 @@ def test_without_an_increment_there_is_nothing_to_cut(stepper):
     assert not search.cuts(move(stepper, start, du))
 
 
-def test_elastic_bodies_have_none(comm, monkeypatch):
+def test_elastic_bodies_have_no_line_search(comm, monkeypatch):
     monkeypatch.setattr(newton, "LineSearch", None)  # which cannot be called
     stepper = nts.EnergyMomentum([Box(comm).body], dt=0.02)
     stepper.set_velocity(stepper.bodies[0], lambda X: 0.1 * X)

@@ -32,7 +32,7 @@ def searched(rng, least: float):
     return A, found, len(products)
 
 
-def test_a_definite_matrix_has_none_after_few_products(rng):
+def test_definite_matrix_has_no_negative_curvature(rng):
     for _ in range(TRIALS):
         _, found, products = searched(rng, least=0.5)
         assert found is None

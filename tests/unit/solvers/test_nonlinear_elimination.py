@@ -33,7 +33,7 @@ def run(stepper, until=LAST):
 
 @pytest.mark.parametrize("mu", [once(0.0), 0.3])
 @pytest.mark.parametrize("scheme", ["EM elastic", "EM mortar"])
-def test_struck_nodes_cost_no_iterations_of_all_others(comm, agree, scheme, mu):
+def test_impact_nodes_converge_without_global_iterations(comm, agree, scheme, mu):
     stepper, usual = (impact(comm, scheme, mu) for _ in range(2))
     solver = usual._step_solver
     solver._system = replace(solver._system, elimination=None)
@@ -72,7 +72,7 @@ def test_bodies_that_rest_on_each_other_do_not_move_first(comm):
     assert scene.stepper.statistics.solver.num_local_iterations == 0
 
 
-def test_some_nodes_move_as_if_all_others_were_held(comm, rng, agree):
+def test_some_nodes_are_solved_with_all_others_clamped(comm, rng, agree):
     stepper = scenes.blocks(comm).stepper
     bulk, V = stepper._bulk, stepper.u.function_space
     x = V.tabulate_dof_coordinates()
@@ -82,7 +82,7 @@ def test_some_nodes_move_as_if_all_others_were_held(comm, rng, agree):
     y = 1e-3 * rng.standard_normal((len(own), 3))
     forces, of_all = bulk.forces().reshape(-1, 3), bulk.action(y)
     expected, num_cells = bulk.action(np.where(own[:, None], y, 0.0)), bulk.num_cells
-    with nonlinear_elimination._alone(bulk, nodes):
+    with nonlinear_elimination._others_clamped(bulk, nodes):
         assert comm.allreduce(bulk.num_cells) < comm.allreduce(num_cells)
         same = bulk.forces().reshape(-1, 3)[own]
         scale = comm.allreduce(np.abs(forces).max(initial=0.0), op=MPI.MAX)

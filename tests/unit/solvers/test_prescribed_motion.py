@@ -146,13 +146,13 @@ def test_forces_of_the_increment_equal_the_residual(comm, rng):
     u[:] = 0.01 * rng.normal(size=u.size)
     travel = boundary_increment(bulk)
     assert not np.any(np.delete(travel.ravel(), bulk.supports.fixed))
-    expected, before, errors = bulk.action(travel, includes_given=True).ravel(), u.copy(), []
+    expected, before, errors = bulk.action(travel, with_prescribed=True).ravel(), u.copy(), []
     for part in (1e-3, 5e-4):
         u[:] = before + part * travel.ravel()
         after = bulk.forces()
         u[:] = before - part * travel.ravel()
         change = (after - bulk.forces()) / (2 * part)
-        change[bulk.given] = 0
+        change[bulk.is_prescribed] = 0
         errors.append(np.linalg.norm(change - expected))
     assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
     u[:] = before
@@ -169,7 +169,7 @@ def test_only_deformation_of_cells_counts_not_their_translation(comm):
 
 
 @pytest.mark.serial
-def test_a_rest_of_the_increment_is_not_waited_for(comm, monkeypatch):
+def test_negligible_remainder_of_the_motion_is_applied_at_once(comm, monkeypatch):
     """Its forces are lost in the round-off of the residual, which never becomes smaller."""
     strains = []
 
@@ -185,7 +185,7 @@ def test_a_rest_of_the_increment_is_not_waited_for(comm, monkeypatch):
 
 
 @pytest.mark.parametrize("bonded", [False, True])
-def test_supports_go_on_where_contact_holds_a_rigid_body(comm, bonded):
+def test_prescribed_motion_continues_when_contact_supports_a_rigid_body(comm, bonded):
     # Rigidity forces balance the contact forces on its nodes, which do not vanish.
     def build(model):
         for name, corner, size, cells in (
@@ -223,7 +223,7 @@ def test_supports_go_on_where_contact_holds_a_rigid_body(comm, bonded):
     assert force[0] > 1e3 and abs(sum(force)) < 1e-6 * force[0]
 
 
-def test_a_body_that_supports_lead_as_a_whole_is_not_waited_for(comm):
+def test_body_moved_by_its_supports_delays_no_substep(comm):
     # The rotation is so large that it is applied in substeps, whose forces must not add up.
     def build(model):
         for name, corner in (("led", (0.0, 1.0)), ("loaded", (0.0, 0.0))):

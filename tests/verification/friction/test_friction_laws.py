@@ -222,7 +222,7 @@ class Broken(nts.FrictionLaw):
 
 
 @pytest.mark.serial  # the rank of the node raises the error alone, which ends the others
-def test_limit_that_is_no_number_in_a_step_is_named():
+def test_limit_that_is_nan_in_a_step_is_named():
     with pytest.raises(ValueError, match=r"finite limit from Broken\(\), given nan at p = "):
         dragged(lambda V: Broken())
 

@@ -235,7 +235,7 @@ def test_mean_force_and_duration_converge_to_wave_theory(name, table_row):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", STEADY)
-def test_force_that_does_not_hop_agrees_with_wave_theory(name, table_row):
+def test_force_without_chatter_agrees_with_wave_theory(name, table_row):
     """Step by step, for the nodes that touch lose what makes them hop, or have no mass."""
     result = impact(name, 100)
     table_row(

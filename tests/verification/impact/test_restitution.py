@@ -103,7 +103,7 @@ def test_mean_gaps_of_surfaces_lose_energy_at_contacts_only(comm, agree, frictio
 
 
 @pytest.mark.serial
-def test_surfaces_without_rebound_press_without_hopping(table_row):
+def test_surfaces_without_rebound_have_no_chatter(table_row):
     roughness, loss = {}, {}
     for e in (1.0, 0.0):
         law = nts.LagrangeMultiplier("restitution", e=e)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
-from dolfinx_nts.contact.implicit.coupled.joint_decision import DecidedFriction, NoFriction
+from dolfinx_nts.contact.implicit.coupled.coupled_friction import CoupledFriction, NoFriction
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension
@@ -28,23 +28,23 @@ class Friction:
         sliding: Nodes that slide where they are active, shape ``(n,)``.
         traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
         flips: How often a node has changed between stick and slip, shape ``(n,)``.
-        decided: Applies the coupled solution for all pairs; None with tangential springs.
+        coupled: Applies the coupled solution for all pairs; None with tangential springs.
     """
 
-    decided: DecidedFriction | None
+    coupled: CoupledFriction | None
 
     def __init__(self, state: PairState | JointState) -> None:
         """Start with all nodes sliding, without traction."""
         n = len(state.nodes.nodes)
         self._state, self._dim = state, dimension(state.nodes.V)
-        self.decided = NoFriction()
+        self.coupled = NoFriction()
         self.sliding: Flags = np.ones(n, dtype=bool)
         self.traction: Floats = np.zeros((n, 2))
         # Frames of the tractions, 0 at nodes without a frame so far.
         self._frame: Floats = np.zeros((n, 2, 3))
         self.flips: Ints = np.zeros(n, dtype=np.int32)
 
-    def go_on_from(self, other: "Friction") -> None:
+    def start_from(self, other: "Friction") -> None:
         """Start with the sticking nodes and tractions of another attempt. Local."""
         self.sliding[:], self.traction[:] = other.sliding, other.traction
         self._frame[:] = other._frame
@@ -60,7 +60,7 @@ class Friction:
         """Release nodes that became inactive; set stick or slip of newly active ones."""
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
-        """Active nodes that stick by tangential multipliers, shape ``(m,)``."""
+        """Flags of active nodes with tangential (stick) constraints, shape ``(m,)``."""
         return np.zeros(len(node), dtype=bool)
 
     def largest(self, node: Ints, p: Floats, slip: Floats) -> Floats:
@@ -102,9 +102,9 @@ class Friction:
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
     ) -> tuple[Floats, Floats]:
-        """Add tractions to forces, ``(m, d)`` [N], and tangents of `PairBlocks`.
+        """Add frictional forces to forces ``(m, d)`` [N] and to tangents of `PairBlocks`.
 
-        Returns columns and slopes of the `ContactContribution` without those of normal springs.
+        Returns columns and slopes of the `ContactContribution`; slopes exclude normal springs.
         """
         return pairs.columns, np.zeros((len(pairs.node), 3, 3))
 

@@ -30,9 +30,9 @@ class Slips:
 
     Attributes:
         present: Slips in the last evaluation, 0 in place of round-off, shape ``(n, 2)`` [m].
-        modelled: Slips at which tractions were linearised last, shape ``(n, 2)`` [m].
+        modelled: Slips at the last linearisation of the tractions, shape ``(n, 2)`` [m].
         linear: Linearly extrapolated slips of the last evaluation, shape ``(n, 2)`` [m].
-        turning: Tractions of springs at the slips `linear`, shape ``(n, 2)`` [N].
+        turning: Spring tractions at the slips `linear`, shape ``(n, 2)`` [N].
     """
 
     def __init__(self, size: Floats, frame: Frame | None = None) -> None:
@@ -61,7 +61,7 @@ class Slips:
         is_same = length_of(value - predicted) <= ROUNDING * self._size[node]
         is_same &= pairs.fixed
         self._all[node] = np.where(is_same[:, None], predicted, value)
-        self.present[node] = self.without_none(pairs, self._all[node])
+        self.present[node] = self.without_round_off(pairs, self._all[node])
         none = np.where(pairs.fixed, self.still(node), 0.0)
         left = np.maximum(length_of(self._all[node]) - none, 0.0)
         pairs.excess[:, 1:] = with_length(self._all[node], left)
@@ -71,16 +71,16 @@ class Slips:
         pairs.excess[:, 1:] = self._all[pairs.node]
 
     def predict(self, pairs: PairKinematics, change: Floats) -> None:
-        """Predict the slips of the next evaluation from their changes, shape ``(m, 2)`` [m]."""
+        """Predict the next slips by adding increments to the present ones, ``(m, 2)`` [m]."""
         self._predicted[pairs.node] = self._all[pairs.node] + change
 
-    def without_none(self, pairs: PairKinematics, slip: Floats) -> Floats:
+    def without_round_off(self, pairs: PairKinematics, slip: Floats) -> Floats:
         """Slips, ``(m, 2)`` [m], with 0 in place of round-off."""
         still: Flags = pairs.fixed & (length_of(slip) <= self.still(pairs.node))
         return np.where(still[:, None], 0.0, slip)
 
     def still(self, node: Ints) -> Floats:
-        """Slip below which a node that cannot be eliminated sticks, ``(m,)`` [m]."""
+        """Slip below which a node on a rigid body or a prescribed node sticks, ``(m,)`` [m]."""
         lengths: Floats = _STILL * self._size[node]
         return lengths
 

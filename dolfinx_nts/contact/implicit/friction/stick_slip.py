@@ -17,7 +17,7 @@ from dolfinx_nts.contact.friction.traction import (
     transport,
 )
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
-from dolfinx_nts.contact.implicit.coupled.joint_decision import NoFriction
+from dolfinx_nts.contact.implicit.coupled.coupled_friction import NoFriction
 from dolfinx_nts.contact.implicit.friction.interface import Friction
 from dolfinx_nts.contact.implicit.friction.lagged_limit import LaggedLimit
 from dolfinx_nts.contact.implicit.friction.slips import Slips, length_of, with_length
@@ -86,7 +86,7 @@ class StickSlip(Friction):
             waits=0 if self._has_spring else np.inf,
             is_patient=begins_sticking,
         )
-        self.decided = None if self._has_spring else self._Decided(self)
+        self.coupled = None if self._has_spring else self._CoupledStickSlip(self)
         follows = is_static and self._has_spring
         self._slips = Slips(state.segment_sizes, state.search.frame if follows else None)
         # In statics new active nodes stick at first, as friction may be the only support.
@@ -120,8 +120,8 @@ class StickSlip(Friction):
         self._nodal.turn(pairs.node, slip.frame_n)
         still = None if self._has_spring else self._slips.still(pairs.node)
         pairs.add_slip(slip, self._on_axis[pairs.node], still)
-        if (held := pairs.held(self._dim)) is not None:
-            pairs.leave_out_across(held, self._search.pairing.on_segments(pairs), x)
+        if (is_fixed := pairs.fixed_components(self._dim)) is not None:
+            pairs.remove_slip_across(is_fixed, self._search.pairing.on_segments(pairs), x)
         self._slips.measure(pairs, x)
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
@@ -218,8 +218,8 @@ class StickSlip(Friction):
     ) -> TractionModel:
         """Linearise stick and slip without springs, see `exact_model`.
 
-        At sliding nodes that cannot be eliminated, the traction has the length of the limit, and
-        keeps its direction if there is no slip.
+        At sliding nodes whose displacement cannot be eliminated, the traction has the length of the
+        limit; without slip it keeps its direction.
         """
         c = _SLIP_WEIGHT * self._stiffness[pairs.node]
         if not pairs.fixed.any():
@@ -286,7 +286,7 @@ class StickSlip(Friction):
         parts["dissipation"] -= energy - slip_energy(old.traction, state.eps_T)
         return energy, parts
 
-    class _Decided(NoFriction):
+    class _CoupledStickSlip(NoFriction):
         """Application of the coupled solution to the friction of the pairs."""
 
         def __init__(self, friction: "StickSlip") -> None:
@@ -300,17 +300,17 @@ class StickSlip(Friction):
             secant = np.where(is_cone, limit.by_p, limit.force / np.where(is_cone, 1.0, p))
             return np.where(of._on_axis[node], 0.0, secant)
 
-        def show_slips(self, pairs: PairKinematics) -> None:
+        def use_all_slips(self, pairs: PairKinematics) -> None:
             """Use all slips in constraints."""
             self._of._slips.show(pairs)
 
-        def decide(
+        def set_states(
             self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
         ) -> None:
             """Set the states, and linearise the traction at the coupled solution."""
             of, node, t, p = self._of, pairs.node, forces[:, 1:], -forces[:, 0]
             of.sliding[node] = np.where(active, slides | of._on_axis[node], of.sliding[node])
-            slip = of._slips.without_none(pairs, slip)
+            slip = of._slips.without_round_off(pairs, slip)
             moves = slides & slip.any(axis=1)
             limit = of._limits.at(node, p, length_of(slip))
             t = np.where(moves[:, None], with_length(slip, limit.force), t)

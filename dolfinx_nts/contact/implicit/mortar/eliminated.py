@@ -12,7 +12,7 @@ __all__ = ["EliminatedDofs"]
 
 
 class EliminatedDofs:
-    """Eliminated displacements of nodes and of their mid-nodes, see `Hats`.
+    """Eliminated displacements of nodes and of their mid-nodes, see `HatFunctions`.
 
     Args:
         candidates: Facets of the nodes, and segments.
@@ -40,7 +40,7 @@ class EliminatedDofs:
         scatter, last = self._candidates.scatter, self._last.get(transposed)
         is_known = last is not None and rows is last[1] and same_numbers(rank, last[0])
         if not reductions.everywhere(scatter.index_map.comm, is_known):
-            where = scatter, self._candidates.hats, self._dofs
+            where = scatter, self._candidates.hat_functions, self._dofs
             last = rank, rows, NodalSystem(*where, rank, rows, normal, transposed=transposed)
             self._last[transposed] = last
             for known in (rank, rows):
@@ -53,9 +53,9 @@ class EliminatedDofs:
 
         ``b`` is 3, or the number of components of the space.
         """
-        if self._candidates.hats is not None:
+        if self._candidates.hat_functions is not None:
             b = force.shape[1]
-            force = self._candidates.hats.gather(self._masked(in_space(force)))[:, :b]
+            force = self._candidates.hat_functions.gather(self._masked(in_space(force)))[:, :b]
         return force[self._dofs[:, 0]]
 
     def move(self, increment: Floats, x: Floats) -> None:
@@ -63,12 +63,12 @@ class EliminatedDofs:
 
         Collective.
         """
-        if self._candidates.hats is None:
+        if self._candidates.hat_functions is None:
             x[self._dofs[:, 0]] += increment
             return
         field = np.zeros((len(x), 3))
         field[self._dofs[:, 0], : increment.shape[1]] = increment
-        x += self._masked(self._candidates.hats.spread(field))[:, : x.shape[1]]
+        x += self._masked(self._candidates.hat_functions.spread(field))[:, : x.shape[1]]
 
     def _masked(self, field: Floats) -> Floats:
         """Values at the owned nodes, ``(n, 3)``, 0 at prescribed displacements."""

@@ -42,8 +42,8 @@ class FrozenPoints(LocalSearch):
 
     candidates: MortarCandidates
     pairing: MortarPairing
-    # Largest number of renewals of the points in a step [-]. More: steps that fail take longer;
-    # fewer (2): points have slid off their segments in some impacts on corners.
+    # Largest number of times that points are chosen again in a step [-]. More: steps that fail take
+    # longer; fewer (2): points have slid off their segments in some impacts on corners.
     _most_renewals = 6
     # Whether facets opposite kinks of the segments have linear instead of dual functions.
     _has_kinks = True
@@ -64,7 +64,7 @@ class FrozenPoints(LocalSearch):
         self._choose(self.approach.x)
 
     @staticmethod
-    def _beyond(pair: ContactPair) -> float:
+    def _additional_reach(pair: ContactPair) -> float:
         # Facets extend beyond their owned nodes, also when they are stretched.
         return 2 * pair.nodes.size
 
@@ -81,7 +81,7 @@ class FrozenPoints(LocalSearch):
         part = self._largest_parts(found, x_n, x)
         if self._renewals > 1:
             # Fractions converge sooner if they cannot increase again.
-            part = np.where(self._has_fallen(part), part, self._part)
+            part = np.where(self._must_be_reduced(part), part, self._part)
         self._found, self._part = found, part
         points = self._points(found, part, x)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
@@ -95,7 +95,7 @@ class FrozenPoints(LocalSearch):
         self.gap = gap_n.copy()
 
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
-        """Largest fractions of dual functions in the shape functions around nodes, shape ``(n,)``.
+        """Largest fractions of dual functions in the shape functions of nodes, shape ``(n,)``.
 
         In resolved impact they do not depend on gaps: fractions that change between steps reduce
         the order of convergence in time from 2.7 to 0.6.
@@ -110,7 +110,7 @@ class FrozenPoints(LocalSearch):
         """
         return found.points(part, self.x_n, self._slack, is_stiff=self._is_stiff)
 
-    def _has_fallen(self, part: Floats) -> Flags:
+    def _must_be_reduced(self, part: Floats) -> Flags:
         """Whether the fractions of dual functions have to be reduced, shape ``(n,)``."""
         flags: Flags = part < self._part - _SETTLED_PART
         return flags
@@ -122,8 +122,8 @@ class FrozenPoints(LocalSearch):
         # The points are kept; their gaps are not computed here.
         return self.segment[node], np.zeros(len(node), dtype=bool)
 
-    def reproject(self, x: Floats, node: Ints, held: Flags, converged: bool) -> tuple[int, bool]:
-        near = self._near(node, held)
+    def reproject(self, x: Floats, node: Ints, active: Flags, converged: bool) -> tuple[int, bool]:
+        near = self._near(node, active)
         if not reductions.anywhere(self._comm, self._is_due(x, near, converged)):
             return 0, False
         self._renewals += 1
@@ -131,18 +131,18 @@ class FrozenPoints(LocalSearch):
         return len(node), True
 
     def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:
-        """Whether the points of the nodes of `_near` have moved too far. Local."""
+        """Whether points of the nodes of `_near` must be chosen again after motion. Local."""
         may_move = self._renewals < self._most_renewals
         return may_move and self.pairing.num_beyond(x, near) > 0
 
-    def _near(self, node: Ints, held: Flags) -> Ints:
-        """Nodes among ``(m,)`` for which the position of points matters. Local.
+    def _near(self, node: Ints, active: Flags) -> Ints:
+        """Select the nodes for which the position of the points matters. Local.
 
-        They transmit force, flags ``held`` of shape ``(m,)``, or have a small gap.
+        They transmit force, flags ``active`` of shape ``(m,)``, or have a small gap.
         """
         size = self.candidates.size
         size = size.take(self.segment[node], mode="wrap") if len(size) else np.ones(len(node))
-        near: Ints = node[held | (self.gap[node] < self._nearby * size)]
+        near: Ints = node[active | (self.gap[node] < self._nearby * size)]
         return near
 
 
@@ -153,7 +153,7 @@ class TiedPoints(FrozenPoints):
     _has_kinks = False
 
     def _choose(self, x: Floats) -> None:
-        # At the reference positions.
+        # Points of ties are chosen at the reference positions.
         X = self.candidates.scatter.forward(reference_positions(self._V))
         self._take(X, X)
 
@@ -168,7 +168,7 @@ class SettlingPoints(FrozenPoints):
     _nearby = 0.1
 
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
-        """Fractions in equilibrium, where the gap before the step has no effect."""
+        """Fractions of dual functions at the equilibrium; statics ignores the gaps at t_n."""
         return found.largest_parts((x,), self._slack)
 
     def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
@@ -182,4 +182,4 @@ class SettlingPoints(FrozenPoints):
             return True
         # Before equilibrium the gaps of the points still differ.
         part = self._largest_parts(self._found, x, x) if converged else self._part
-        return bool(self._has_fallen(part)[near].any())
+        return bool(self._must_be_reduced(part)[near].any())

@@ -47,7 +47,9 @@ class MortarPairing(Pairing):
     ) -> None:
         self.x_chosen = x_chosen
         self.area = points.shares.area
-        self.reached = np.concatenate([candidates.facets.wholes.ravel(), candidates.wholes.ravel()])
+        self.reached = np.concatenate(
+            [candidates.facets.facet_nodes.ravel(), candidates.facet_nodes.ravel()]
+        )
         self._candidates, self._points, self._x_n = candidates, points, x_n
         # Cached points of the nodes of the last calls of `gaps` and `kinematics`.
         self._subsets: dict[bytes, MortarPoints] = {}
@@ -120,7 +122,7 @@ class MortarPairing(Pairing):
 
     def on_segments(self, pairs: PairKinematics) -> Flags:
         on_facet = np.zeros(self._candidates.scatter.num_local, dtype=bool)
-        on_facet[self._candidates.facets.wholes] = True
+        on_facet[self._candidates.facets.facet_nodes] = True
         return ~on_facet[pairs.dofs]
 
     def is_same(self, pairs: PairKinematics) -> Flags:
@@ -141,7 +143,7 @@ class MortarPairing(Pairing):
         return outside(self._candidates, points, x, points.segment)
 
     def places(self, x: Floats, node: Ints) -> Floats:
-        """Convective coordinates of the points of nodes on their segments, ``(p, 2)`` [-]."""
+        """Convective coordinates of quadrature points on their segments, ``(p, 2)`` [-]."""
         points = self._of(node)
         xi, *_ = self._candidates.projections(points, x, points.segment)
         return xi
@@ -220,15 +222,15 @@ class PointBlocks(PairBlocks):
         normal: Floats,
         gradients: Floats,
         gap: Floats,
-        held: Flags,
+        moves: Flags,
         farthest: Floats,
         u: Floats,
     ) -> None:
-        rank = held.astype(np.int32)
+        rank = moves.astype(np.int32)
         system = self.eliminated.system(rank, gradients, normal)
         distance = system.solve(gap[:, None])[:, 0]
         # A singular system has no finite solution: such nodes do not move.
-        near = held & (np.where(np.isnan(distance), np.inf, np.abs(distance)) <= farthest)
+        near = moves & (np.where(np.isnan(distance), np.inf, np.abs(distance)) <= farthest)
         increment = -np.where(near, distance, 0.0)[:, None] * normal
         self.eliminated.move(increment[:, : u.shape[1]], u)
 

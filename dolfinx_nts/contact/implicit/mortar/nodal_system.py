@@ -8,7 +8,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.mortar.whole_facets import Hats
+from dolfinx_nts.search.mortar.whole_facets import HatFunctions
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["NodalSystem"]
@@ -18,12 +18,12 @@ class NodalSystem:
     """Matrix of constraints restricted to the eliminated displacements of the same nodes.
 
     It is G^T E, or its transpose, with rows G, one for each constraint, and eliminated directions
-    E. On facets of degree 2 mid-nodes move with vertices, see `Hats`. The matrix is nearly
+    E. On facets of degree 2 mid-nodes move with vertices, see `HatFunctions`. The matrix is nearly
     diagonal, and so small that each rank solves all of it. Collective, as is `solve`.
 
     Args:
         scatter: Scatter of nodal values.
-        hats: Motion of mid-nodes with vertices; None at degree 1.
+        hat_functions: Motion of mid-nodes with vertices; None at degree 1.
         dofs: Nodes of the rows in the map of the scatter, the constrained one first, ``(m, d)``.
         rank: Number of constraints, 0, 1 or all components b, shape ``(m,)``.
         rows: Rows with b = 2 or 3 components per node, shape ``(m, 1 or b, b d)``.
@@ -39,7 +39,7 @@ class NodalSystem:
     def __init__(
         self,
         scatter: NodalScatter,
-        hats: Hats | None,
+        hat_functions: HatFunctions | None,
         dofs: Ints,
         rank: Ints,
         rows: Floats,
@@ -52,16 +52,20 @@ class NodalSystem:
         b = normal.shape[1]
         c = int(reductions.largest(self._comm, float(rank.max(initial=1))))
         self.directions: Floats = _kernels.eliminated_directions(rank, rows, normal, c)
-        self._held = np.arange(c) < rank[:, None]
+        self._is_constrained = np.arange(c) < rank[:, None]
         E = np.zeros((c, scatter.num_local, b))
         for a in range(c):
             E[a, dofs[:, 0]] = self.directions[:, a]
             if not self._is_local:
                 E[a] = scatter.forward(in_space(E[a]))[:, :b]
         none = np.empty((scatter.num_local, 0))
-        parents = (none.astype(np.int32), none) if hats is None else (hats.parents, hats.weights)
+        parents = (
+            (none.astype(np.int32), none)
+            if hat_functions is None
+            else (hat_functions.parents, hat_functions.weights)
+        )
         row, column, value = _kernels.constraint_products(dofs, rank, rows, *parents, E)
-        number = (c * dofs[:, :1].astype(np.int64) + np.arange(c))[self._held]
+        number = (c * dofs[:, :1].astype(np.int64) + np.arange(c))[self._is_constrained]
         if transposed:
             row, column = column, row
         self._own = slice(None)
@@ -81,9 +85,9 @@ class NodalSystem:
 
         The result is 0 for rows without a constraint, and NaN everywhere if the matrix is singular.
         """
-        right = b[self._held]
+        right = b[self._is_constrained]
         if not self._is_local:
             right = np.concatenate(self._comm.allgather(right))
-        x: Floats = np.zeros(self._held.shape)
-        x[self._held] = self._system.solve(right)[self._own]
+        x: Floats = np.zeros(self._is_constrained.shape)
+        x[self._is_constrained] = self._system.solve(right)[self._own]
         return x

@@ -30,8 +30,8 @@ class BlockPivoting:
     """Block pivoting within Newton's method, after Judice and Pires (1994).
 
     All violated conditions change as long as their number decreases. Murty's rule changes only the
-    violated condition with the lowest number, which ends cycles. It is proven for linear problems;
-    iterations without changes therefore lie between single changes. The smallest count is reset
+    violated condition with the lowest number, which ends cycles. Its proof is for linear problems,
+    so iterations without changes lie between single changes. The smallest count is reset
     periodically, and starting guesses are not counted: few conditions are violated while nodes
     hardly move. Otherwise single changes would exhaust the iterations where contact or slip spreads
     along a surface.
@@ -42,11 +42,11 @@ class BlockPivoting:
         comm: Communicator.
         ids: Partition-independent numbers of the nodes, pair by pair, shape ``(n,)``.
         ends: Offsets of the nodes of each of ``c`` pairs, shape ``(c + 1,)``.
-        waits: Number of violated conditions of a pair up to which nodes that have just changed keep
-            their state if that number has not decreased. This prevents cycles of nodes that change
-            together between stick and slip.
-        is_patient: Whether changes wait until Newton's method has approached equilibrium, also
-            simultaneous ones.
+        waits: If a pair violates at most this number of conditions, and the number has not
+            decreased, nodes that changed in the last iteration keep their state. This prevents
+            cycles in which nodes change together between stick and slip.
+        is_patient: Whether simultaneous changes, too, wait until Newton's method has approached
+            equilibrium.
 
     Attributes:
         num_violators: Number of violated conditions of all ranks at the last count.

@@ -14,9 +14,9 @@ from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["NormalContact", "go_on", "known_nodes"]
+__all__ = ["NormalContact", "known_nodes", "start_normal_contact"]
 
-# Largest number of renewals of the excluded nodes in a step [-].
+# Largest number of times in a step that excluded nodes become eligible [-].
 _MOST_CHOICES = 2
 
 
@@ -48,7 +48,7 @@ class NormalContact(ABC):
         # Nodes excluded because of eligible neighbours.
         self._barred: Flags = np.zeros(len(history.active), dtype=bool)
         self._admitted: Flags = np.zeros_like(self._barred)
-        # Excluded nodes that penetrated, and remaining number of renewals.
+        # Excluded nodes that penetrated, and how often nodes may still become eligible in the step.
         self._sunk: Flags = np.zeros_like(self._barred)
         self._choices = _MOST_CHOICES
         # Nodes whose constraints are replaced by those of vertices.
@@ -80,7 +80,7 @@ class NormalContact(ABC):
         """Flags of nodes that have a segment and are eligible by the law, shape ``(n,)``. Local."""
         return self._search.approach.segment >= 0
 
-    def _hold(self, node: Ints, segment: Ints, gap: Floats) -> int:
+    def _admit_penetrating(self, node: Ints, segment: Ints, gap: Floats) -> int:
         """Make nodes eligible on the segments that they have penetrated. Collective.
 
         Arguments have the shape ``(m,)``. Returns the number of nodes of this rank.
@@ -96,7 +96,7 @@ class NormalContact(ABC):
         self._begin(self.active, self.lambda_N)
         return len(node)
 
-    def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
+    def may_activate(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
         """Whether the law makes nodes eligible, by their gaps at both ends of the step. Local.
 
         Args:
@@ -106,7 +106,7 @@ class NormalContact(ABC):
         """
         return True
 
-    def held(self, pairs: PairKinematics) -> Floats:
+    def largest_gaps(self, pairs: PairKinematics) -> Floats:
         """Largest gaps at which pairs may transmit force, shape ``(m,)`` [m]. Local."""
         return np.zeros(len(pairs.node))
 
@@ -212,7 +212,7 @@ def known_nodes(contact: NormalContact) -> Flags:
     return contact._eligible | contact._barred
 
 
-def go_on(contact: NormalContact, other: NormalContact) -> None:
+def start_normal_contact(contact: NormalContact, other: NormalContact) -> None:
     """Start from the active set and multipliers of another attempt at the step. Local."""
     contact.active = other.active & contact._eligible
     contact.lambda_N = np.where(contact.active, other.lambda_N, 0.0)

@@ -8,7 +8,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.friction.interface import Friction
-from dolfinx_nts.contact.implicit.local_search import LocalSearch, sunk
+from dolfinx_nts.contact.implicit.local_search import LocalSearch, penetrated_nodes
 from dolfinx_nts.contact.implicit.normal.active_set import ActiveSet
 from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.joint_state import JointState
@@ -23,7 +23,7 @@ _CLOSE = 0.01
 _NEAR = 0.1
 # Additional penetration of an excluded node in a step, relative to the size of a segment [-], above
 # which it becomes eligible.
-_SUNK = 0.05
+_EXCLUDED_DEPTH = 0.05
 
 
 class MultiplierContact(NormalContact):
@@ -93,15 +93,15 @@ class MultiplierContact(NormalContact):
         if not (self._choices and self._state.pair.touches_itself):
             return 0
         barred = self._barred.nonzero()[0].astype(np.int32)
-        return self._hold(*sunk(self._search, x, barred, _SUNK))
+        return self._admit_penetrating(*penetrated_nodes(self._search, x, barred, _EXCLUDED_DEPTH))
 
-    def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
+    def may_activate(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
         if not self._holds:
             return True
         size, active = self._state.segment_sizes[node], self._state.history.active[node]
         return self._law.eligible(gap_n, gap, size, active)
 
-    def held(self, pairs: PairKinematics) -> Floats:
+    def largest_gaps(self, pairs: PairKinematics) -> Floats:
         holds = self._stays[pairs.node] | self._holds
         return np.where(holds, np.maximum(pairs.contact.gap_n, 0.0), 0.0)
 
@@ -124,8 +124,8 @@ class MultiplierContact(NormalContact):
             return np.where(self._stays[pairs.node], gap_n, 0.0)
         if self._intermediate is None:
             return gap_n
-        # These gaps belong to one motion of a rigid body with many contact points, also relative to
-        # a moving obstacle.
+        # Gaps of a rigid body with many contact points, also to a moving obstacle, must be
+        # compatible with one rigid motion.
         gap = self._search.pairing.gaps(self._intermediate, pairs.node, pairs.segment)
         if self._search.candidates.may_curve:
             flat = gap_n + self._approach(self._intermediate, pairs)
@@ -189,14 +189,14 @@ class MultiplierContact(NormalContact):
         This saves an application of the tangent in the linear system. See
         `NormalContact.close_gaps`.
         """
-        held = self.active[pairs.node] & ~pairs.fixed
-        held &= ~friction.sticks(pairs.node, held)
+        moves = self.active[pairs.node] & ~pairs.fixed
+        moves &= ~friction.sticks(pairs.node, moves)
         x = self._search.candidates.scatter.forward(self._state.search.frame.at_end(x))
         gap = self._search.pairing.gaps(x, pairs.node, pairs.segment)
         gap -= self._target(pairs)
         # Large displacements are left to the linear system.
         farthest = self._farthest[pairs.node]
-        pairs.blocks.close_gaps(pairs.normal, pairs.gradients, gap, held, farthest, u)
+        pairs.blocks.close_gaps(pairs.normal, pairs.gradients, gap, moves, farthest, u)
 
     def rank(self, active: Flags) -> Ints:
         """One normal constraint for each active pair."""

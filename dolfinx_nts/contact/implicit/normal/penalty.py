@@ -128,7 +128,7 @@ class PenaltyContact(NormalContact):
         flags: Flags = self.active[node] | old.active[node] | (old.offset[node] != 0) | inside
         return flags
 
-    def held(self, pairs: PairKinematics) -> Floats:
+    def largest_gaps(self, pairs: PairKinematics) -> Floats:
         return np.maximum(self._offset(pairs), 0.0)
 
     def rank(self, active: Flags) -> Ints:

@@ -33,7 +33,7 @@ class TiedContact(MultiplierContact):
         if not reductions.anywhere(self._comm, bool(tied.any())):
             raise ValueError(
                 f"expected nodes within {law.reach:g} of the size of a segment between "
-                f"{self._state.pair.between}, given none to tie: Tied(reach=) may be larger"
+                f"{self._state.pair.between}, given none to tie: increase Tied(reach=)"
             )
         return tied
 

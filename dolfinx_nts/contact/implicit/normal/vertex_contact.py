@@ -50,11 +50,11 @@ class _Vertices(NormalContact):
 
     @abstractmethod
     def _stay(self, node: Ints) -> Flags:
-        """Whether active vertices may stay active, shape ``(m,)``. Local."""
+        """Flags of active vertices that may stay active, shape ``(m,)``. Local."""
 
     @abstractmethod
     def _lack_force(self, node: Ints, segment: Ints, gap: Floats, x: Floats) -> Flags:
-        """Whether vertices that are too deep lack support by other contact, ``(m,)``. Collective.
+        """Whether no other contact supports vertices that are too deep, ``(m,)``. Collective.
 
         ``segment`` are their segments, ``gap`` their gaps [m], both ``(m,)``, ``x`` positions with
         ghosts, shape ``(l, 3)`` [m].
@@ -91,7 +91,7 @@ class _Vertices(NormalContact):
         # On round surfaces smooth patches lie above their facets; this distance is no penetration.
         deep &= depth > np.fmin(self._tolerance[node], _kernels.HYSTERESIS * size)
         deep &= self._lack_force(node, segment, gap, x)
-        return self._hold(node[deep], segment[deep], gap[deep])
+        return self._admit_penetrating(node[deep], segment[deep], gap[deep])
 
     def _above(self, node: Ints, segment: Ints, x: Floats) -> tuple[Flags, Ints, Floats]:
         """Vertices whose projections are on their facets, nearest facet nodes, and depths. Local.
@@ -114,8 +114,8 @@ class _Vertices(NormalContact):
         is_above: Flags = outside <= _kernels.HYSTERESIS
         return is_above, np.where(away.min(axis=1) <= _kernels.HYSTERESIS, nearest, -1), -gap
 
-    def _sink(self, node: Ints, segment: Ints, gap: Floats) -> Flags:
-        """Whether vertices are deeper than at t_n; separating vertices need no force. Local."""
+    def _penetrate_further(self, node: Ints, segment: Ints, gap: Floats) -> Flags:
+        """Whether vertices are deeper than at t_n. Local."""
         candidates, points = self._candidates, self._search.points.take(node)
         before = candidates.gap(points, self._search.x_n, segment)
         flags: Flags = gap < before - TOUCHES * candidates.size[segment]
@@ -131,7 +131,7 @@ class VertexMultipliers(_Vertices, MultiplierContact):
     arguments, `MultiplierContact`.
 
     Args:
-        replace: Excludes nodes of a given pair, and returns how many of this rank changed.
+        replace: Excludes nodes of the parent pair, and returns how many of this rank changed.
     """
 
     def __init__(
@@ -149,8 +149,10 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         self._is_static = is_static
         normal = np.zeros((self._candidates.scatter.index_map.size_local, 3))
         for each in self._states:
-            history = each.given.history
-            normal[each.given.nodes.nodes] += np.where(history.active[:, None], history.normal, 0.0)
+            history = each.parent.history
+            normal[each.parent.nodes.nodes] += np.where(
+                history.active[:, None], history.normal, 0.0
+            )
         self._held_along = self._candidates.scatter.forward(normal)
         super().__init__(state, law, is_static, search, stiffness, intermediate)
 
@@ -171,21 +173,23 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         if not self._is_static:
             return 0
         for each, start, end in zip(self._states, ends[:-1], ends[1:], strict=True):
-            given = each.given
+            parent = each.parent
             is_own = not each.is_reverse and each.pair.method != EDGES
-            if is_own and given.pair.method == MORTAR:
+            if is_own and parent.pair.method == MORTAR:
                 nodes = each.nodes.nodes[holding[start:end]]
-                number += self._replace(given, np.isin(given.nodes.nodes, nodes))
+                number += self._replace(parent, np.isin(parent.nodes.nodes, nodes))
         return number
 
     def _stay(self, node: Ints) -> Flags:
         search = self._search
-        return ~self._is_held_by_node(node, search.approach.segment[node], search.x_n)
+        return ~self._is_opposite_active_node(node, search.approach.segment[node], search.x_n)
 
     def _lack_force(self, node: Ints, segment: Ints, gap: Floats, x: Floats) -> Flags:
         if self._is_static:
             return np.ones(len(node), dtype=bool)
-        return self._sink(node, segment, gap) & ~self._is_held_by_node(node, segment, x)
+        return self._penetrate_further(node, segment, gap) & ~self._is_opposite_active_node(
+            node, segment, x
+        )
 
     def _target(self, pairs: PairKinematics) -> Floats:
         """Reference gaps of the multipliers: with inertia, penetrating vertices are not pushed out.
@@ -195,8 +199,8 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         target = super()._target(pairs)
         return target if self._is_static else np.fmin(target, pairs.contact.gap_n)
 
-    def _is_held_by_node(self, node: Ints, segment: Ints, x: Floats) -> Flags:
-        """Whether vertices are opposite active nodes of the given pair, shape ``(m,)``. Local.
+    def _is_opposite_active_node(self, node: Ints, segment: Ints, x: Floats) -> Flags:
+        """Whether vertices are opposite active nodes of the parent pair, shape ``(m,)``. Local.
 
         Both constraints would be the same. ``segment`` are the segments of the vertices, ``(m,)``,
         ``x`` positions with ghosts, shape ``(l, 3)`` [m].
@@ -210,14 +214,14 @@ class VertexMultipliers(_Vertices, MultiplierContact):
 
 
 class VertexSprings(_Vertices, PenaltyContact):
-    """Springs at vertices that are deeper below a face than the springs of the given pair.
+    """Springs at vertices that are deeper below a face than the springs of the parent pair.
 
     With inertia a spring begins without energy at the activation depth of the vertex or, if the
     vertex is deeper, at its gap at t_n. In statics it begins at the compression of the other
     springs. See `add_vertices` and `PenaltyContact`.
 
     Args:
-        compression: Returns the current compression of the active springs of a given pair, shape
+        compression: Returns the current compression of the active springs of the parent pair, shape
             ``(n,)`` [m]. Local.
     """
 
@@ -247,7 +251,7 @@ class VertexSprings(_Vertices, PenaltyContact):
         candidates = self._candidates
         depth = np.zeros((candidates.scatter.index_map.size_local, 1))
         for each in self._states:
-            depth[each.given.nodes.nodes, 0] = self._compression(each.given)
+            depth[each.parent.nodes.nodes, 0] = self._compression(each.parent)
         own = depth[self._state.nodes.nodes[node], 0]
         depth = candidates.scatter.forward(np.repeat(depth, 3, axis=1))[:, 0]
         compressed = np.fmax(own, depth[self._facets[segment]].max(axis=1, initial=0.0))
@@ -255,7 +259,7 @@ class VertexSprings(_Vertices, PenaltyContact):
         allowed = compressed + tolerance
         self._begin_at[node] = -(compressed if self._is_static else allowed)
         flags: Flags = gap < -allowed
-        return flags if self._is_static else flags & self._sink(node, segment, gap)
+        return flags if self._is_static else flags & self._penetrate_further(node, segment, gap)
 
     @property
     def _is_loaded(self) -> Flags:

@@ -10,10 +10,10 @@
 
 /// @brief Sums from contact points to the nodes that carry the multipliers.
 ///
-/// A point is a sum of the nodes of its facet with weights phi, and a node
-/// has a share in the forces of some points. Both are constant in a step.
-/// Quantities that kernels conserve for each point are therefore conserved for
-/// the sums.
+/// The position of a point is a sum of nodal positions of its facet with
+/// weights phi, and a node has a share in the forces of some points. Both are
+/// constant in a step. Quantities that kernels conserve for each point are
+/// therefore conserved for the sums.
 namespace nts
 {
 /// @brief Points, and the shares of nodes in them.
@@ -26,9 +26,10 @@ struct Aggregation
   std::span<const std::int64_t> start;
   /// (i,) Points of the shares.
   std::span<const std::int32_t> point;
-  /// (i,) Shares, or matrices between c vectors of point and node, (i, c, c).
+  /// (i,) Shares; or (i, c, c) matrices that map c vectors at the point to the
+  /// node.
   std::span<const double> share;
-  /// (i, k + s) Positions of the nodes of facet and segment in the row of the
+  /// (i, k + s) Places of the nodes of facet and segment in the row of the
   /// node.
   std::span<const std::int32_t> place;
 };
@@ -45,7 +46,7 @@ inline void sum_to_rows(const Aggregation& a, std::size_t vertices,
                         std::size_t length, std::span<double> rows)
 {
   const std::size_t k = a.width, size = 3 * (1 + vertices);
-  std::vector<double> part(size); // of the vector of a point
+  std::vector<double> part(size); // component of the vector of a point
   for (std::size_t n = 0; n + 1 < a.start.size(); ++n)
     for (std::int64_t i = a.start[n]; i < a.start[n + 1]; ++i)
     {
@@ -116,7 +117,8 @@ inline void sum_to_blocks(std::span<const double> phi, std::size_t width,
                           std::span<const double> matrix, std::span<double> out)
 {
   const std::size_t n = 3 * (1 + vertices), m = 3 * (width + vertices);
-  std::vector<double> row(m); // of a pair, with the facet's nodes for columns
+  std::vector<double> row(
+      m); // row of the matrix of a pair, with the facet's nodes as columns
   const auto add = [&](double scale, double* to)
   {
     for (std::size_t c = 0; c < m; ++c)

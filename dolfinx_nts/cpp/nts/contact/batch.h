@@ -18,8 +18,8 @@ Vec3 node_of(std::span<const double> x, std::size_t i) noexcept
 
 /// @brief Pair number i of x, shape (m, 1 + k, 3), about an origin near it.
 ///
-/// Results do not depend on the origin; with an origin far away, differences of
-/// positions would lose digits.
+/// Results do not depend on the origin, but differences of positions would lose
+/// digits if it were far away.
 template <class S>
 Pair<S> load(std::span<const double> x, std::size_t i,
              const Vec3& origin) noexcept

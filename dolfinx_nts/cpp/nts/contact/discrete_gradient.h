@@ -258,7 +258,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
       = {vector_forces(z_m, Q[0]), vector_forces(z_m, Q[1])};
   const std::array<std::array<Vec3, k + 1>, 2> right
       = {vector_forces(z, Q[0]), vector_forces(z, Q[1])};
-  Matrix<k + 1, k + 1> half = {}; // of sum Theta_k H_k: E_a to E_b
+  Matrix<k + 1, k + 1> half = {}; // entries of sum Theta_k H_k
   for (const auto& [index, a, b] : I::products)
   {
     half[a][b] += 0.5 * Theta[index];

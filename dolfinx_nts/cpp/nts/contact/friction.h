@@ -167,7 +167,8 @@ inline Vec3 balance(const Vec3& normal, Vec3 force, Matrix<3, 3> columns,
                     std::size_t rank, const Vec2& known,
                     const Vec2& direction) noexcept
 {
-  constexpr double least = 1e-3; // of the unit force per multiplier [-]
+  constexpr double least
+      = 1e-3; // least component of the unit force per multiplier [-]
   for (std::size_t i = 0; i < 2; ++i)
     for (std::size_t j = 0; j < 3; ++j)
     {

@@ -26,8 +26,8 @@ struct Motion
 /// @param[out] rate Velocity in the middle, (d,) [m/s].
 /// @param[in,out] u Displacement, (d,) [m].
 /// @param[out] du Change of the displacement, (d,) [m].
-/// @param[in] about A velocity (D,) [m/s].
-/// @return Largest displacements, absolute and relative to the velocity.
+/// @param[in] about Reference velocity, (D,) [m/s].
+/// @return Largest displacements, absolute and relative to this velocity.
 template <std::size_t D>
 Motion drift(double dt, std::span<const double> v, std::span<const double> a,
              std::span<double> rate, std::span<double> u, std::span<double> du,

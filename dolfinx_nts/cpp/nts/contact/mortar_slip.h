@@ -18,7 +18,8 @@ struct TurnedShares
   std::span<const std::int64_t> start;
   /// (i,) Points of the shares.
   std::span<const std::int32_t> point;
-  /// (i, 2, 2) Weights of component b at the point in component a at the node.
+  /// (i, 2, 2) Weight of slip component b of the point in component a of the
+  /// node.
   std::span<const double> part;
 
   Matrix<2, 2> matrix(std::int64_t i) const noexcept

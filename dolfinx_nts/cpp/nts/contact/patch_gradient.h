@@ -38,7 +38,7 @@ template <IsPatch S>
 Foot foot(const Pair<S>& pair, const Vec3& d, const Vec2& start) noexcept
 {
   constexpr int max_iterations = 30;
-  constexpr double singular = 1e-12; // of det(a_1, a_2, d)/|a|^2
+  constexpr double singular = 1e-12; // least det(a_1, a_2, d)/|a|^2
   constexpr double round_off = 1e-15;
   constexpr double converging = 1e-8; // a step whose square is round-off
   Foot f;
@@ -106,7 +106,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
                         double orientation, Contact<S>& contact) noexcept
 {
   constexpr std::size_t points = 1 + S::vertices, dofs = pair_size<S>;
-  constexpr double at_rest = 1e-26; // |v|^2, relative: round-off
+  constexpr double at_rest = 1e-26; // relative |v|^2 that is round-off
   const Projection<S> p_n = project(pair_n, orientation);
   const Projection<S> p = project(pair, orientation);
   Sensitivity<S> s;

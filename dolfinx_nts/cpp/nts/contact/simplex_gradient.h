@@ -25,7 +25,8 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
                         double orientation, Contact<S>& contact) noexcept
 {
   constexpr std::size_t nodes = 1 + S::vertices, edges = S::vertices - 1;
-  constexpr double singular = 1e-12; // volume of edges and normal: round-off
+  constexpr double singular
+      = 1e-12; // volume of edges and normal that is round-off
   const Projection<S> p_n = project(pair_n, orientation);
   const Projection<S> p = project(pair, orientation);
   const Pair<S> mean = midpoint(pair_n, pair);

@@ -89,7 +89,7 @@ struct MovedSprings
     return sum;
   }
 
-  /// @brief End of the range of springs of a node that begins at i.
+  /// @brief End of the range of springs that belong to the node of spring i.
   std::size_t end_of(std::int32_t number, std::size_t i) const noexcept
   {
     while (i < node.size() && node[i] == number)

@@ -99,8 +99,8 @@ private:
 
   std::size_t _points, _nodes;
   bool _makes_rings;
-  std::vector<Shape>
-      _shapes; // of the nodes at two points, at the next two, ...
+  std::vector<Shape> _shapes; // shape functions of the nodes at two points, at
+                              // the next two, ...
 };
 
 /// @brief Compute the volumes of cells at their points.
@@ -122,7 +122,7 @@ void each_cell(const CellVolumes<D>& of, std::span<const double> x,
   }
 }
 
-/// @brief A volume ratio, and the cell that has it.
+/// @brief Least volume ratio and its cell.
 struct VolumeRatio
 {
   double ratio = INFINITY; ///< det F [-]

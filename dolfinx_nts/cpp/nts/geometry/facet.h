@@ -161,8 +161,8 @@ double area_ratio(const std::array<Vec3, F::vertices>& x,
     return norm(cross(first, second));
 }
 
-/// @brief Coordinates in the reference cell of a point in the plane of a
-/// facet with nodes c; any, but one function of the point, if there are none.
+/// @brief Reference coordinates of a point in the plane of a facet with nodes
+/// c. If none exist, the result is arbitrary, but depends on the point alone.
 template <class F>
 Vec2 pulled_back(const Vec2& y, const std::array<Vec2, F::vertices>& c) noexcept
 {

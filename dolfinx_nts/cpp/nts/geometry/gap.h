@@ -61,7 +61,7 @@ bool sensitivity(const Projection<S>& p, Sensitivity<S>& s) noexcept
   Matrix<2, 2> A = p.metric;
   A[0][1] -= p.gap * p.twist;
   A[1][0] = A[0][1];
-  constexpr double singular = 1e-12; // det A over det m: round-off
+  constexpr double singular = 1e-12; // det A over det m that is round-off
   if (!(std::abs(det(A)) > singular * det(p.metric)))
     return false;
   const Matrix<2, 2> A_inverse = inverse(A);

@@ -43,9 +43,11 @@ template <IsPatch S>
 Projection<S> project(const Pair<S>& pair, double orientation) noexcept
 {
   constexpr int max_iterations = 50;
-  constexpr double degenerate = 1e-20; // patch: |n|^2 relative to (tr m)^2
-  constexpr double convex = 0.1; // Newton's matrix: det A relative to det m
-  constexpr double round_off = 1e-12; // of xi: the next step has its square
+  constexpr double degenerate
+      = 1e-20; // least |n|^2 of a patch relative to (tr m)^2
+  constexpr double convex
+      = 0.1; // least det A of Newton's matrix relative to det m
+  constexpr double round_off = 1e-12; // step of xi; the next step is its square
   constexpr double longest = 0.5;
   const auto& x = pair.segment;
   Projection<S> p;
@@ -94,7 +96,8 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
 template <IsPatch S>
 bool sensitivity(const Projection<S>& p, Sensitivity<S>& s) noexcept
 {
-  constexpr double singular = 1e-12; // of det A relative to det m: round-off
+  constexpr double singular
+      = 1e-12; // det A relative to det m that is round-off
   Matrix<2, 2> A = p.metric;
   for (std::size_t a = 0; a < 2; ++a)
     for (std::size_t b = 0; b < 2; ++b)

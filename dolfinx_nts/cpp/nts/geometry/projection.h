@@ -62,8 +62,10 @@ template <class S>
 Projection<S> project(const Pair<S>& pair, double orientation) noexcept
 {
   constexpr int max_iterations = 30;
-  constexpr double degenerate = 1e-20; // segment: |n|^2 relative to (tr m)^2
-  constexpr double convex = 0.1; // Newton's matrix: det A relative to det m
+  constexpr double degenerate
+      = 1e-20; // least |n|^2 of a segment relative to (tr m)^2
+  constexpr double convex
+      = 0.1; // least det A of Newton's matrix relative to det m
   constexpr double round_off = 1e-12; // of xi, for a node on the segment
   constexpr double unit = 1e-15;      // round-off of numbers of size 1
   // x_bar = x_0 + xi_1 edge_1 + xi_2 edge_2 + xi_1 xi_2 mixed.

@@ -71,7 +71,8 @@ struct Cut
 inline std::optional<Cut> cut(const Vec3& begin, const Vec3& end,
                               const Triangle& t) noexcept
 {
-  constexpr double rounding = 1e-12; // of volumes over products of edges
+  constexpr double rounding
+      = 1e-12; // round-off of volumes over products of edges
   const Vec3 along = end - begin;
   std::array<Vec3, 3> r;
   double size = 0;

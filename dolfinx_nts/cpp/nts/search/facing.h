@@ -26,11 +26,11 @@ struct FacingRule
   /// of a wall; a node and a segment whose normals differ by less than 60
   /// degrees are on the same side.
   static constexpr double wall = 0.5;
-  /// Depth of nodes below the face beyond an edge up to which they belong to
-  /// that face, relative to the segment [-]: vertices on edges penetrate about
-  /// as deep between nodes. Smaller: edges of 150 degrees block sliding nodes
-  /// in statics (T/N = 0.93 at 0.01, friction coefficient 0.5). Larger: nodes
-  /// that touch lateral faces near edges are pushed under the edge.
+  /// Depth below the face beyond an edge up to which a node belongs to that
+  /// face, relative to the segment [-]: vertices on edges penetrate about as
+  /// deep between nodes. Smaller: edges of 150 degrees block sliding nodes in
+  /// statics (T/N = 0.93 at 0.01, friction coefficient 0.5). Larger: nodes that
+  /// touch lateral faces near edges are pushed under the edge.
   static constexpr double below = 0.02;
 };
 
@@ -217,7 +217,7 @@ private:
   }
 
   const FacetsAroundNodes& _around;
-  std::int32_t _begin, _end; // of the facets around the node
+  std::int32_t _begin, _end; // range of the facets around the node
 };
 
 /// @brief Bounds of the normals of segments, by branches of their tree.
@@ -389,13 +389,12 @@ public:
   }
 
 private:
-  /// @brief Whether the node is ahead of an edge of the segments, beyond which
-  /// they face it better.
-  ///
-  /// The node is then below the edge. The edge will touch the facets around the
-  /// node, not the node the segment. Vertices on the edge may be below these
-  /// facets, and the node below the segment beyond the edge by as much
-  /// (`FacingRule::below`), so that it is behind both segments.
+  /// @brief Whether the node is ahead of an edge of the segments whose other
+  /// side faces the node better. The node is then below the edge. The edge will
+  /// touch the facets around the node, not the node the segment. Vertices on
+  /// the edge may be below these facets, and the node below the segment beyond
+  /// the edge by as much (`FacingRule::below`), so that it is behind both
+  /// segments.
   template <class GetTree>
   bool waits(const Vec3& node, std::int32_t i, const Projection<S>& p,
              const GetTree& tree)

@@ -83,8 +83,8 @@ struct SegmentSurface
   /// @brief Diameter of a segment [m].
   double size(std::size_t i) const noexcept { return diameter<S>(segment(i)); }
 
-  /// @brief Whether the segment `other` is on average behind the plane of
-  /// segment i with this normal. It is so beyond a convex edge of i.
+  /// @brief Whether the vertices of segment `other` are on average behind the
+  /// plane of segment i with this normal, as beyond a convex edge of i.
   bool is_behind(std::size_t other, std::size_t i,
                  const Vec3& normal) const noexcept
   {
@@ -254,8 +254,9 @@ bool may_have_entered(const Vec3& node, const Found& own,
 /// segments, or above none: it gets the segment that it is least outside of.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
-/// @param[in] slack By how much xi may be outside the current segment [-]; if
-/// infinite, a node that keeps its segment skips the search.
+/// @param[in] slack Distance of xi outside the current segment within which a
+/// node keeps it [-]; if infinite, a node that keeps its segment skips the
+/// search.
 /// @param[in] reach Search radius [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.

@@ -110,8 +110,9 @@ private:
   struct Below
   {
     std::int32_t segment;
-    Part whole, part; // of the segment near and in the reference cell
-    double gap;       // mean gap at the corners of the part [m]
+    Part whole, part; // polygon of the segment nearby, and its part in the
+                      // reference cell
+    double gap;       // mean gap at the corners of the polygon [m]
   };
 
   /// @brief A point in the reference cell of a facet.

@@ -8,8 +8,8 @@ namespace nts
 /// @brief Lengths in the reference state, relative to the segment's size [-].
 struct SelfContactRule
 {
-  /// Distance up to which segments are neighbours of a node on the mesh, or the
-  /// opposite face of its wall.
+  /// Reference distance up to which a segment counts as a mesh neighbour of a
+  /// node, or as the opposite face of its wall.
   static constexpr double near = 2;
   /// Depth behind a segment up to which a node counts as in front of it:
   /// round-off, such as of nodes on the other face of a closed crack.

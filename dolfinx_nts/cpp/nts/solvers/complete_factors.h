@@ -251,7 +251,7 @@ private:
         std::copy_n(F.data() + (k + p + i) * n + k, p, L + i * p);
       float* const U = L + m * p;
       std::fill_n(U, p * m, 0.f);
-      // With the sign of the rows changed.
+      // The rows are stored with the opposite sign.
       subtract_product(D, p, F.data() + k * n + k + p, n, U, m, p, p, m);
       for (std::size_t i = 0; i < p * m; ++i)
         U[i] = -U[i];

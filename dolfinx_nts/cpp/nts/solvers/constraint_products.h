@@ -76,7 +76,7 @@ inline void eliminated_directions(const ConstraintRows& rows,
 
 /// @brief Multiply rows with directions.
 /// @param[in] rows Rows G.
-/// @param[in] parents Interpolation of other nodes from constrained ones.
+/// @param[in] parents Interpolation of dependent nodes from their vertices.
 /// @param[in] directions Directions E of all nodes, (c, l, b); 0 without.
 /// @param[in] c Most constraints of a node.
 /// @param[in] b Components of a node.

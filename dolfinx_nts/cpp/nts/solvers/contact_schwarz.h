@@ -396,8 +396,8 @@ private:
         add_blocks(_tangent_rows, tangent->first + k * a, k, sum);
       }
     };
-    // Z~^T adds rows of constrained nodes to rows of other nodes in their
-    // constraints.
+    // Z~^T adds multiples of the row of a constrained node to the rows of all
+    // other nodes in its constraint.
     _constrained.clear(_size);
     std::vector<std::size_t> place(_size, 0); // of rows
     for (std::size_t p = 0; p < _size; ++p)

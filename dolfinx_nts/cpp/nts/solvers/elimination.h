@@ -42,7 +42,7 @@ struct Elimination
   /// (m, B, B) Derivatives S_ab of forces F_a w.r.t. gap and slip: springs and
   /// friction.
   std::span<const double> slopes;
-  /// Number of nodes of a block of the tangent.
+  /// Number of nodes per block of the contact tangent.
   std::size_t width;
   /// (p, width) Nodes of the blocks.
   std::span<const std::int32_t> tangent_nodes;

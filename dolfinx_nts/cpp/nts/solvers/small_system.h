@@ -104,8 +104,8 @@ inline bool solve(const SparseRows& A, std::span<const double> b,
                              [](double value) { return std::isfinite(value); });
 }
 
-/// @brief System given by entries in any order. Its rows are sorted, so that
-/// sums do not depend on the partition.
+/// @brief Sparse system whose entries are given in any order. Its rows are
+/// sorted, so that sums do not depend on the partition.
 class SmallSystem
 {
 public:
@@ -122,7 +122,7 @@ public:
 
   /// @brief Sort entries into rows, by counting.
   /// @param[in] row, column, value Entries, by the numbers.
-  /// @return Whether all numbers are known.
+  /// @return Whether all rows and columns are among the numbers.
   bool fill(std::span<const std::int64_t> row,
             std::span<const std::int64_t> column, std::span<const double> value)
   {

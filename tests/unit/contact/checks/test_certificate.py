@@ -146,7 +146,7 @@ def loaded(enforcement=None, **fault):
     state = SimpleNamespace(pair=pair, nodes=surface, segment_sizes=np.ones(1), ends=[0, 1])
     normal = SimpleNamespace(
         lambda_N=np.array([at["force"]]),
-        held=lambda pairs: np.full(len(pairs.node), at["held"]),
+        largest_gaps=lambda pairs: np.full(len(pairs.node), at["held"]),
     )
     friction = SimpleNamespace(
         traction=np.array([at["t"]]),

@@ -566,7 +566,7 @@ def test_overlap_with_an_obstacle_without_pair_is_reported(comm, reported_overla
 
 
 @pytest.mark.serial
-def test_nothing_is_looked_at_while_bodies_are_apart(comm, monkeypatch):
+def test_no_overlap_check_while_bodies_are_apart(comm, monkeypatch):
     scene = Scene(comm, height=1.02)
     stepper = scene.stepper(dt=0.05)
     checks, check = [], OverlapWatch.check
@@ -579,7 +579,7 @@ def test_nothing_is_looked_at_while_bodies_are_apart(comm, monkeypatch):
 
 
 @pytest.mark.serial
-def test_bodies_in_touch_are_looked_at_when_they_came_nearer_by_a_cell(comm, monkeypatch):
+def test_touching_bodies_are_checked_after_an_approach_of_a_cell(comm, monkeypatch):
     """The cube slides over the plate; clean checks prove that no vertex has passed a node."""
     scene = Scene(comm, height=0.0)
     stepper = scene.stepper(

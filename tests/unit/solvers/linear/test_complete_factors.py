@@ -58,7 +58,7 @@ def test_solution_agrees_with_the_dense_matrix(rng, shape, bodies, dim):
     assert error < len(A) * EPS * np.linalg.cond(A)
 
 
-def test_many_are_solved_for_as_one(rng):
+def test_many_right_hand_sides_are_solved_together(rng):
     start, column, X = grid((5, 4, 4))
     value, A = matrix(rng, start, column, 3)
     factors = _kernels.CompleteFactors(start, column, X)
@@ -70,7 +70,7 @@ def test_many_are_solved_for_as_one(rng):
     assert np.all(np.abs(error).max(axis=1) < len(A) * EPS * np.abs(b).max(axis=(1, 2)))
 
 
-def test_planes_that_are_one_but_for_rounding_are_not_cut(rng):
+def test_nodes_in_a_plane_up_to_round_off_are_not_divided(rng):
     start, column, X = grid((6, 6, 1))
     X[:, 2] = 1 + EPS**2 * (np.arange(len(X)) == 3)
     X[:, :2] = 1.0

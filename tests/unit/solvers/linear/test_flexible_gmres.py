@@ -51,7 +51,7 @@ def test_residuals_of_solutions_are_zero_and_of_singular_systems_not_finite():
 
 
 @pytest.mark.serial
-def test_options_that_name_no_method_take_as_many_iterations():
+def test_fgmres_of_petsc_takes_as_many_iterations_as_the_kernel():
     """The method of PETSc does not restart either; 60 different eigenvalues take as many."""
     eigenvalues, b = np.linspace(1.0, 60.0, 60)[:, None], np.ones((60, 1))
     options = PetscOptions(MPI.COMM_SELF, {"ksp_type": "fgmres"})

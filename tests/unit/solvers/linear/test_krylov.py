@@ -225,7 +225,7 @@ def test_contacts_are_factorised_again_only_for_other_pairs_factors_or_tangents(
 
 
 @pytest.mark.at_most_two_ranks
-def test_waves_cross_any_number_of_cells_where_there_is_no_inertia(comm, monkeypatch):
+def test_courant_number_is_infinite_without_inertia(comm, monkeypatch):
     solver = scenes.blocks(comm, nts.QuasiStatic).stepper._solver
     stiffness = np.full_like(solver.tangent.nodal_stiffness(), 1e9)
     stiffness[:1] = 0.0

@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem, mesh
 
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.solvers.massless.gap_constraints import GapConstraints, KeptGaps
+from dolfinx_nts.solvers.massless.gap_constraints import GapConstraints, PairConstraints
 
 pytestmark = pytest.mark.serial
 
@@ -47,7 +47,7 @@ def held(rows, travel, friction=0.0, repeat=1):
     order = np.tile(np.arange(NUM_ROWS), repeat)
     force = (gradient + friction).reshape(NUM_ROWS, -1)
     holds = [
-        KeptGaps(scatter, dofs[i], gradient.reshape(NUM_ROWS, -1)[i], force[i], travel[i])
+        PairConstraints(scatter, dofs[i], gradient.reshape(NUM_ROWS, -1)[i], force[i], travel[i])
         for i in np.split(order, [3])
     ]
     nodes = moving(free)

@@ -51,8 +51,8 @@ def test_a_trial_goes_on_after_it_has_been_serialized():
         width.count(8, 2.0)
     width.count(4, 2.0)
     kept = {}
-    width.serialize(SimpleNamespace(giving=False, same=lambda *item: kept.update([item])))
-    resumed.serialize(SimpleNamespace(giving=True, same=lambda name, _: kept[name]))
+    width.serialize(SimpleNamespace(restores=False, same=lambda *item: kept.update([item])))
+    resumed.serialize(SimpleNamespace(restores=True, same=lambda name, _: kept[name]))
     assert resumed == width
     assert changes(resumed, 4) == changes(width, 4) == 0
     assert resumed == width

@@ -4,8 +4,8 @@ import time
 
 import pytest
 
+from dolfinx_nts.parallel.collective_calls import meet
 from dolfinx_nts.parallel.errors import agreed, all_come
-from dolfinx_nts.parallel.meeting import meet
 
 
 @pytest.mark.parametrize("numbers", [0, 1, 2])

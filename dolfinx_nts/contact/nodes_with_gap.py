@@ -7,10 +7,10 @@ from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["held_apart"]
+__all__ = ["nodes_with_gap"]
 
 
-def held_apart(state: PairState, x: Floats, gap_tol: float) -> Flags:
+def nodes_with_gap(state: PairState, x: Floats, gap_tol: float) -> Flags:
     """Flags of active nodes with a gap above ``gap_tol`` in magnitude, ``(n,)``. Collective.
 
     Args:
@@ -25,7 +25,7 @@ def held_apart(state: PairState, x: Floats, gap_tol: float) -> Flags:
     if state.pair.method == "mortar":  # mortar multipliers constrain mean gaps
         gap = np.where(history.active, history.gap, gap)
     # Deeper nodes belong to another side of the body.
-    deepest = max(_kernels.DEEPEST * state.pair.segment_size, state.search.sunk)
+    deepest = max(_kernels.DEEPEST * state.pair.segment_size, state.search.initial_depth)
     inside = (gap < 0) & (gap > -deepest)
     flags: Flags = (np.abs(gap) > gap_tol) & (inside | history.active)
     return flags

@@ -7,10 +7,10 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 
-__all__ = ["HeldNodes"]
+__all__ = ["ActiveNodes"]
 
 
-class HeldNodes(NamedTuple):
+class ActiveNodes(NamedTuple):
     """Nodes of a pair that transmit force or penetrate their segments.
 
     Attributes:
@@ -34,7 +34,7 @@ class HeldNodes(NamedTuple):
     pushes: Floats
 
     @classmethod
-    def of(cls, step: ContactStep) -> "HeldNodes":
+    def of(cls, step: ContactStep) -> "ActiveNodes":
         """Active nodes of a solved step. Local."""
         search, active = step.search, step.normal.active
         near = (search.segment >= 0) & (active | search.may_close)

@@ -6,7 +6,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.fem.components import in_space
 
-__all__ = ["until_met"]
+__all__ = ["fraction_until_contact"]
 
 
 # Largest penetration of separated nodes in an increment, relative to the smaller one of their cells
@@ -14,7 +14,7 @@ __all__ = ["until_met"]
 _DEEPEST = 0.15
 
 
-def until_met(step: ContactStep, increment: Floats, size: Floats) -> float:
+def fraction_until_contact(step: ContactStep, increment: Floats, size: Floats) -> float:
     """Fraction of an increment, from 0 to 1, at which a separated node first penetrates too deep.
 
     The remaining motion of an obstacle is part of the increment, to first order. Collective; the

@@ -7,18 +7,18 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.implicit.active_nodes import ActiveNodes
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.massless.body_groups import BodyGroups
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.massless.gap_constraints import KeptGaps
+from dolfinx_nts.solvers.massless.gap_constraints import PairConstraints
 
-__all__ = ["HeldContact"]
+__all__ = ["ActiveContact"]
 
 
-class HeldContact:
+class ActiveContact:
     """Active nodes of the pairs with impact "resolved" at the end of a step. Collective.
 
     Args:
@@ -26,14 +26,14 @@ class HeldContact:
         groups: Groups of connected bodies, ``g`` in number.
 
     Attributes:
-        holds: Constraints of each pair: active gaps, and slips of sticking nodes.
+        constraints: Constraints of each pair: active gaps, and slips of sticking nodes.
     """
 
     def __init__(self, steps: Sequence[ContactStep], groups: BodyGroups) -> None:
         resolved = (step for step in steps if is_resolved(step.state.pair))
-        self._pairs = [(step, HeldNodes.of(step)) for step in resolved]
+        self._pairs = [(step, ActiveNodes.of(step)) for step in resolved]
         self._groups = groups
-        self.holds = [_holds(step, some) for step, some in self._pairs]
+        self.constraints = [_constraints(step, some) for step, some in self._pairs]
 
     def impulses(self, dim: int, dt: float) -> tuple[Floats, Floats]:
         """Impulses of normal contact in the step, and their work. Collective.
@@ -105,7 +105,7 @@ class HeldContact:
             step.state.accept(replace(history, lambda_N=lambda_N, force=force))
 
 
-def _holds(step: ContactStep, some: HeldNodes) -> KeptGaps:
+def _constraints(step: ContactStep, some: ActiveNodes) -> PairConstraints:
     """Gap constraints of m active nodes, and slip constraints of sticking ones. Local."""
     sticks = some.sticks
     gradient, *along = some.gradients.transpose(1, 0, 2)
@@ -118,7 +118,7 @@ def _holds(step: ContactStep, some: HeldNodes) -> KeptGaps:
     )
     force = gradient + np.einsum("ma,ami->mi", ratio, np.array(along))
     stuck = [rows[sticks] for rows in along]
-    return KeptGaps(
+    return PairConstraints(
         step.candidates.scatter,
         np.concatenate([some.dofs, some.dofs[sticks], some.dofs[sticks]]),
         np.concatenate([gradient, *stuck]),

@@ -21,11 +21,11 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["Meeting", "collective", "different", "leave_with_notes", "meet"]
+__all__ = ["PendingCall", "collective", "different", "leave_with_notes", "meet"]
 
 _Class = TypeVar("_Class", bound=type[Any])
 
-# Largest number of values in a meeting. All messages have one length, so that different calls are
+# Largest number of values in a call. All messages have one length, so that different calls are
 # detected.
 _MOST = 3
 # Times [s] after which a waiting rank yields its core between two tests, and after which it sleeps;
@@ -50,7 +50,7 @@ def meet(comm: MPI.Comm, call: str, *numbers: float) -> list[float]:
     Args:
         comm: Communicator.
         call: Description of the call, with all arguments that must be the same.
-        numbers: At most three numbers of this rank.
+        numbers: At most three numbers, of which the maximum over all ranks is returned.
 
     Returns:
         Maximum of each number over all ranks.
@@ -60,12 +60,12 @@ def meet(comm: MPI.Comm, call: str, *numbers: float) -> list[float]:
     """
     if comm.size == 1:
         return list(numbers)
-    meeting = Meeting(comm, call, *numbers)
-    meeting.wait()
-    return meeting.largest()
+    pending = PendingCall(comm, call, *numbers)
+    pending.wait()
+    return pending.largest()
 
 
-class Meeting:
+class PendingCall:
     """Pending check of a collective call. Local.
 
     Arguments as for `meet`.
@@ -159,7 +159,7 @@ def leave_with_notes() -> None:
 
 
 def _notified_by(rank: int) -> list[int]:
-    """Ranks notified by an exiting rank: two of them, as one may have exited as well."""
+    """Ranks that an exiting rank notifies: two of them, as one may have exited as well."""
     return [r for r in range(min(MPI.COMM_WORLD.size, 3)) if r != rank][:2]
 
 

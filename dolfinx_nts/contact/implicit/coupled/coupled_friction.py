@@ -7,11 +7,11 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 
-__all__ = ["DecidedFriction", "Decision", "NoFriction"]
+__all__ = ["CoupledFriction", "CoupledSolution", "NoFriction"]
 
 
-class Decision(Protocol):
-    """Coupled solution for ``m`` pairs, see `friction_cones.ConeSolution`."""
+class CoupledSolution(Protocol):
+    """Solution of the cone problem for ``m`` pairs, see `friction_cones.ConeSolution`."""
 
     @property
     def force(self) -> Floats:
@@ -30,16 +30,16 @@ class Decision(Protocol):
         """Whether an active pair slides, shape ``(m,)``."""
 
 
-class DecidedFriction(Protocol):
+class CoupledFriction(Protocol):
     """Friction that accepts states of the coupled problem. Local."""
 
     def coefficients(self, node: Ints) -> Floats:
         """Coefficients of friction of nodes, shape ``(m,)`` [-]."""
 
-    def show_slips(self, pairs: PairKinematics) -> None:
-        """Use all slips of pairs in constraints, without a threshold."""
+    def use_all_slips(self, pairs: PairKinematics) -> None:
+        """Use slips of any size in constraint residuals, without a threshold for round-off."""
 
-    def decide(
+    def set_states(
         self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
     ) -> None:
         """Set stick and slip, with the forces and slips of the coupled solution.
@@ -53,20 +53,20 @@ class DecidedFriction(Protocol):
         """
 
     def predict(self, pairs: PairKinematics, change: Floats) -> None:
-        """Add the change of slips in an iteration, ``(m, 2)`` [m], without round-off."""
+        """Add slip increments of the linear system, ``(m, 2)`` [m], to the slips of the pairs."""
 
 
 class NoFriction:
-    """Contact without friction, see `DecidedFriction`."""
+    """Contact without friction, see `CoupledFriction`."""
 
     def coefficients(self, node: Ints) -> Floats:
         """Return 0 for all nodes."""
         return np.zeros(len(node))
 
-    def show_slips(self, pairs: PairKinematics) -> None:
+    def use_all_slips(self, pairs: PairKinematics) -> None:
         """Do nothing, without friction."""
 
-    def decide(
+    def set_states(
         self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
     ) -> None:
         """Do nothing, without friction."""
