@@ -36,6 +36,13 @@ class _Kept(NamedTuple):
     friction: bool
 
 
+class _Other(NamedTuple):
+    """Pair of the checkpoint with the same sides and other laws: number, and the difference."""
+
+    number: int
+    text: str
+
+
 def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
     """Start a stepper from the checkpoint of another scene. Collective.
 
@@ -43,8 +50,8 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
     integrator and the number of ranks may differ. Time, step number, displacements and velocities
     are copied; the stepper keeps its step ``dt``. A pair with the same two sides and method as a
     pair in the checkpoint gets its contact state, also with another kind of impact or coefficient
-    of friction; springs must have the same stiffness. Data that are not used are returned and
-    logged. `Recorder` writes checkpoints with ``checkpoint_every``; to continue the same scene
+    of friction; springs must have the same stiffness. Defaults differ: multipliers in statics,
+    springs in dynamics. Data that are not used are returned and logged. `Recorder` writes checkpoints with ``checkpoint_every``; to continue the same scene
     exactly, use its ``resume``.
 
     Args:
@@ -85,7 +92,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
                 f"expected a checkpoint of this mesh, nodes and cells, given {path}, in which it "
                 f"is {scene['mesh']} instead of {now['mesh']}"
             )
-        kept = _pairs_with_state(scene, now)
+        kept, others = _pairs_with_state(scene, now)
         contacts = {i: f"pair_{k.number}" for i, k in kept.items()}
         same_scheme = scene["integrator"] == now["integrator"]
         same_bodies = _bodies(scene) == _bodies(now)
@@ -99,13 +106,18 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         )
     names = pair_names(stepper.pairs)
     for i, name in enumerate(names):
-        if i not in kept:
+        if i in others:
+            text = f"contact of {name}: {others[i].text}"
+            dropped.append(text)
+            if comm.rank == 0:
+                _logger.warning("%s: %s", path, text)
+        elif i not in kept:
             dropped.append(f"contact of {name}, which begins without history")
         elif not kept[i].friction:
             contact = stepper.contacts[i]
             contact.accept(without_friction(contact.history))
             dropped.append(f"friction of {name}, which begins without history")
-    used = {k.number for k in kept.values()}
+    used = {pair.number for pair in (*kept.values(), *others.values())}
     unused = [n for n in _pairs(scene) if n not in used]
     dropped += [f"contact of pair {n} of the checkpoint, which this scene lacks" for n in unused]
     if comm.rank == 0:
@@ -133,9 +145,14 @@ def _pairs(scene: Mapping[str, str]) -> list[int]:
     return sorted(int(name[5:]) for name in scene if name.startswith("pair "))
 
 
-def _pairs_with_state(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
-    """Pairs of this scene that get a contact state of the checkpoint, by their number from 0."""
-    kept = {}
+def _pairs_with_state(
+    saved: Mapping[str, str], now: Mapping[str, str]
+) -> tuple[dict[int, _Kept], dict[int, _Other]]:
+    """Pairs that get a contact state of the checkpoint, and those with other laws.
+
+    Both by their number from 0.
+    """
+    kept, others = {}, {}
     numbers = {saved[f"pair {n}"]: n for n in _pairs(saved)}
     for i in _pairs(now):
         number = numbers.get(now[f"pair {i}"])
@@ -145,7 +162,14 @@ def _pairs_with_state(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[
         same = len({_MAY_CHANGE.sub("", law) for law in laws}) == 1
         if same or all(map(_has_no_springs, laws)):
             kept[i - 1] = _Kept(number, same or laws[0].endswith(", none"))
-    return kept
+            continue
+        text = (
+            f"the laws are {laws[0]} in the checkpoint and {laws[1]} here, so that the contact "
+            "force begins at zero and loaded bodies start to move; give the pair the same "
+            "enforcement in both scenes to keep it"
+        )
+        others[i - 1] = _Other(number, text)
+    return kept, others
 
 
 def _has_no_springs(laws: str) -> bool:
