@@ -1,0 +1,99 @@
+"""Stored states of a run, and repetition of parts of it to bound the memory."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from dolfinx import fem
+
+from dolfinx_nts.common.archive import Snapshot
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.gradients.contact_derivative import ContactDerivative
+from dolfinx_nts.gradients.step_derivative import MotionState, StepRecord
+from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper, observed
+
+__all__ = ["StoredRun"]
+
+
+class _Segment(NamedTuple):
+    """Consecutive steps: state of the stepper at their start, and time at their end [s]."""
+
+    start: Snapshot
+    end: float
+
+
+class StoredRun:
+    """A run whose steps can be visited again in both directions. Collective, as are its methods.
+
+    Args:
+        stepper: The stepper, at the start of the run.
+        carried: Rates that its scheme carries from step to step.
+        every: Number of steps whose states are stored at a time; None for all.
+    """
+
+    def __init__(
+        self, stepper: ImplicitStepper, carried: Sequence[fem.Function], every: int | None
+    ) -> None:
+        self._stepper, self._carried, self._every = stepper, carried, every
+        self._segments: list[_Segment] = []
+        self._records: list[StepRecord] = []  # of the last segment that was run
+
+    def forward(self, until: float) -> Iterator[StepRecord]:
+        """Run until a time [s] and return the steps."""
+        start: Snapshot | None = None
+        steps = self._recorded(until)
+        while True:
+            if start is None:
+                start = Snapshot()
+                self._stepper.serialize(start)
+                self._records = []
+            if (record := next(steps, None)) is None:
+                break
+            self._records.append(record)
+            yield record
+            if len(self._records) == self._every:
+                self._segments.append(_Segment(start, self._stepper.t))
+                start = None
+        if self._records:
+            self._segments.append(_Segment(start, self._stepper.t))
+        self._known = len(self._segments) - 1
+
+    def steps(self, *, backwards: bool) -> Iterator[tuple[StepRecord, bool]]:
+        """Steps of the run, each with a flag whether it is the last one of the run."""
+        numbers = range(len(self._segments))
+        for number in reversed(numbers) if backwards else numbers:
+            self._repeat(number)
+            count = len(self._records)
+            for i in reversed(range(count)) if backwards else range(count):
+                is_last = number == len(self._segments) - 1 and i == count - 1
+                yield self._records[i], is_last
+
+    def _repeat(self, number: int) -> None:
+        """Run the steps of a segment again, unless their states are stored."""
+        if number != self._known:
+            segment = self._segments[number]
+            self._stepper.serialize(segment.start.rewind())
+            self._records = list(self._recorded(segment.end))
+            self._known = number
+
+    def _recorded(self, until: float) -> Iterator[StepRecord]:
+        stepper = self._stepper
+        start, t_n = self._state(), stepper.t
+        contacts: list[ContactDerivative] = []
+
+        def observe(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> None:
+            scheme = stepper.scheme.contact
+            contacts[:] = [
+                ContactDerivative(step, state, scheme)
+                for step, state in zip(steps, states, strict=True)
+            ]
+
+        with observed(stepper, observe):
+            for report in stepper.run(until):
+                end = self._state()
+                yield StepRecord(t_n, report.dt, report.t, start, end, tuple(contacts))
+                start, t_n = end, stepper.t
+
+    def _state(self) -> MotionState:
+        rates = [function.x.array.copy() for function in self._carried]
+        return MotionState(self._stepper.u.x.array.copy(), rates, {})
