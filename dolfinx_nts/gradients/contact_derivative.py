@@ -5,7 +5,7 @@ with the discrete gradient F, which is symmetric in both ends of the step: its d
 respect to x_n is the tangent of the same kernel with exchanged ends.
 """
 
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +19,13 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import in_space, of_space
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["ContactDerivative", "ContactMotion", "Histories"]
+__all__ = ["WIDTH", "ContactDerivative", "ContactMotion", "Histories", "of_members", "store"]
 
-# Changes or costates of offset, gap and soft depth of the nodes of each pair, ``(n, 3)``.
+# Changes or costates of values of the histories of the nodes of each pair, ``(n, WIDTH)``: offset,
+# gap and soft depth of springs first.
 Histories = dict[PairState, Floats]
+# Number of values of a node: with the part of the spring, slip, energy, traction and normal.
+WIDTH = 12
 
 
 class ContactMotion(NamedTuple):
@@ -197,12 +200,23 @@ class ContactDerivative:
 
     def _of_nodes(self, histories: Histories) -> Floats:
         """Values of the nodes of the pairs, shape ``(m, 3)``. Local."""
-        values: Floats = np.concatenate([histories[member] for member in self._members])[self._node]
-        return values
+        return of_members(self._members, histories)[self._node, :3]
 
     def _store(self, values: Floats, histories: Histories) -> None:
         """Replace the values of all nodes: 0 at nodes without a pair. Local."""
-        new = np.zeros((self._ends[-1], 3))
-        new[self._node] = values
-        for member, (first, last) in zip(self._members, pairwise(self._ends), strict=True):
-            histories[member] = new[first:last]
+        new = np.zeros((self._ends[-1], WIDTH))
+        new[self._node, :3] = values
+        store(self._members, new, histories)
+
+
+def of_members(pairs: Sequence[PairState], histories: Histories) -> Floats:
+    """Values of the nodes of several pairs, shape ``(n, WIDTH)``. Local."""
+    return np.concatenate([histories[pair] for pair in pairs])
+
+
+def store(pairs: Sequence[PairState], values: Floats, histories: Histories) -> None:
+    """Replace the values of several pairs by those of their nodes, ``(n, WIDTH)``. Local."""
+    first = 0
+    for pair in pairs:
+        last = first + len(pair.nodes.nodes)
+        histories[pair], first = values[first:last], last

@@ -14,12 +14,15 @@ from dolfinx_nts.gradients.controls import InitialControl, ParameterControl, con
 from dolfinx_nts.gradients.objective import Objective, Term
 from dolfinx_nts.gradients.step_derivative import MotionState, StepDerivative, StepRecord
 from dolfinx_nts.gradients.stored_run import StoredRun
-from dolfinx_nts.gradients.support import check_supported
+from dolfinx_nts.gradients.support import check_supported, has_adjoint
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper, equations_of
 from dolfinx_nts.integrators.step_control import ROUND_OFF
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Gradient"]
+
+# Largest number of controls with tangent-linear steps, one sweep for each.
+_MOST_DIRECTIONS = 50
 
 
 class Gradient:
@@ -118,7 +121,17 @@ class Gradient:
         """
         self._run(controls)
         with self._kept():
-            return self._adjoint()
+            if not self._stored.has_differences:
+                return self._adjoint()
+            m = int(self._ends[-1])
+            if m > _MOST_DIRECTIONS:
+                raise ValueError(
+                    f"expected at most {_MOST_DIRECTIONS} controls for a gradient through "
+                    f"{self._without_adjoint()}, given {m}: contact with method "
+                    "'node-to-segment' and without friction has an adjoint, whose cost does not "
+                    "depend on their number; derivative() is for one direction"
+                )
+            return np.array([self._tangent(row) for row in np.eye(m)])
 
     def derivative(self, direction: Floats, controls: Floats | None = None) -> float:
         """Derivative of the objective along a change of the controls, by tangent-linear steps.
@@ -144,7 +157,12 @@ class Gradient:
         return array
 
     def _new_store(self) -> StoredRun:
-        return StoredRun(self.stepper, self._steps.carried, self._every)
+        return StoredRun(self.stepper, self._steps.carried, self._every, self._steps.released)
+
+    def _without_adjoint(self) -> str:
+        """Name of contact without an adjoint."""
+        pairs = [pair for pair in self.stepper.pairs if not has_adjoint(pair)]
+        return pairs[0].describe() if pairs else "springs that lost their segments"
 
     def _run(self, controls: Floats | None) -> None:
         """Run with given controls, unless the last run had them."""

@@ -10,13 +10,24 @@ from dolfinx import fem
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.gradients.bulk_derivatives import BulkDerivatives
-from dolfinx_nts.gradients.contact_derivative import ContactDerivative, ContactMotion, Histories
+from dolfinx_nts.gradients.contact_derivative import (
+    WIDTH,
+    ContactDerivative,
+    ContactMotion,
+    Histories,
+)
+from dolfinx_nts.gradients.contact_difference import ContactDifference, ContactResult
 from dolfinx_nts.gradients.controls import FormDerivative, ParameterControl
 from dolfinx_nts.gradients.rate_updates import RateUpdate, rate_update
 from dolfinx_nts.integrators.implicit.implicit_stepper import StepEquations
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.linear.tangent_solver import TangentSolver
 
 __all__ = ["MotionState", "StepDerivative", "StepRecord"]
+
+# Largest displacement in a difference, relative to the longest segment [-]. Larger: curvature of
+# gaps; smaller: round-off of positions.
+_STEP = 1e-6
 
 
 class MotionState(NamedTuple):
@@ -42,6 +53,7 @@ class StepRecord(NamedTuple):
         t: Time at its end [s].
         start, end: States at its ends, values of the local dofs, each ``(d l,)``.
         contacts: Derivatives of its contact.
+        differences: Contact whose derivatives are known along one direction only.
     """
 
     t_n: float
@@ -50,6 +62,7 @@ class StepRecord(NamedTuple):
     start: MotionState
     end: MotionState
     contacts: Sequence[ContactDerivative]
+    differences: Sequence[ContactDifference]
 
 
 class StepDerivative:
@@ -61,13 +74,14 @@ class StepDerivative:
 
     Attributes:
         carried: Functions of the carried rates.
+        released: Springs that return energy to the bodies; None without inertia.
         of_controls: Derivatives of the residual with respect to the parameters.
     """
 
     def __init__(self, equations: StepEquations, controls: Sequence[ParameterControl]) -> None:
         self._equations, self._bulk = equations, equations.bulk
-        rates = equations.rates
-        self._rates = rates
+        self._rates = rates = equations.rates
+        self.released = equations.released
         self.carried: Sequence[fem.Function] = rate_update(rates).carried
         self._derivatives = derivatives = BulkDerivatives(equations.bulk, rates, self.carried)
         self._solver = TangentSolver(equations.tangent, equations.bulk.comm)
@@ -104,9 +118,9 @@ class StepDerivative:
     def zeros(self) -> MotionState:
         """State of zeros, nodal arrays ``(n, d)``. Local."""
         rates = [np.zeros(self._shape) for _ in self.carried]
-        histories = {
-            each: np.zeros((len(each.nodes.nodes), 3)) for each in self._equations.contacts
-        }
+        histories: Histories = {}
+        for each in self._equations.contacts:
+            histories[each] = np.zeros((len(each.nodes.nodes), WIDTH))
         return MotionState(np.zeros(self._shape), rates, histories)
 
     def tangent(
@@ -130,6 +144,9 @@ class StepDerivative:
         motion = ContactMotion(start.u, self._trial(start), np.zeros(self._shape))
         for contact in step.contacts:
             force += contact.force_by(motion, histories)
+        if step.differences:
+            h, *ends = self._differences(step, motion, histories)
+            force += sum(a.force - b.force for a, b in zip(*ends, strict=True)) / (2 * h)
         u = self._solver.solve(partial(self._product, step), -self._derivatives.free(force))
         for contact in step.contacts:
             contact.follow(motion._replace(end=u), histories)
@@ -137,7 +154,51 @@ class StepDerivative:
         rates = [
             end * u + begin * start.u + _combined(row, start.rates) for end, begin, row in rows
         ]
+        if step.differences:
+            motion = motion._replace(end=u)
+            h, *ends = self._differences(step, motion, histories)
+            for contact, a, b in zip(step.differences, *ends, strict=True):
+                contact.follow((a.history - b.history) / (2 * h), histories)
+            if rates:
+                rates[0] = rates[0] + self._impulses(step, u, rates[0], h, ends)
         return MotionState(u, rates, histories)
+
+    def _differences(
+        self, step: StepRecord, motion: ContactMotion, histories: Histories
+    ) -> tuple[float, list[ContactResult], list[ContactResult]]:
+        """Factor of the changes, and contact ahead and behind along them."""
+        parts = [*motion, *(values[:, :3] for values in histories.values())]
+        own = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+        largest = reductions.largest(self._bulk.comm, own)
+        size = min(contact.size for contact in step.differences)
+        h = _STEP * size / largest if largest > 0 else 1.0
+        ends = ([c.at(motion, s * h, histories) for c in step.differences] for s in (1, -1))
+        ahead, behind = ends
+        return h, ahead, behind
+
+    def _impulses(
+        self,
+        step: StepRecord,
+        u: Floats,
+        v: Floats,
+        h: float,
+        ends: Sequence[Sequence[ContactResult]],
+    ) -> Floats:
+        """Change of the impulses of springs that return energy, for changes u and v."""
+        released = self.released
+        if released is None or not any(each.energy for end in ends for each in end):
+            return np.zeros(self._shape)
+        n, d = self._shape
+        given, impulses = _impulse_speed(step, rate_update(self._rates), n * d), []
+        for sign, end in zip((1, -1), ends, strict=True):
+            there = step.end.u[: n * d].reshape(n, d) + sign * h * u
+            force = np.sum([each.released for each in end], axis=0)
+            energy = sum(each.energy for each in end)
+            speed = given + sign * h * v.ravel()
+            change = released.impulse(there, speed, force, energy) if energy else None
+            impulses.append(np.zeros(n * d) if change is None else change)
+        difference: Floats = (impulses[0] - impulses[1]) / (2 * h)
+        return difference.reshape(n, d)
 
     def adjoint(
         self, step: StepRecord, end: MotionState, gradients: Sequence[Floats]
@@ -189,6 +250,8 @@ class StepDerivative:
         product = self._derivatives.transposed(free) if transposed else self._bulk.action(free)
         for contact in step.contacts:
             product += contact.end_product(free, transposed=transposed)
+        for each in step.differences:
+            product += each.end_product(free)
         given = self._bulk.given.reshape(product.shape)
         product[given] = x[given]
         return product
@@ -197,3 +260,11 @@ class StepDerivative:
 def _combined(weights: Sequence[Any] | Floats, values: Sequence[Floats]) -> Floats | float:
     """Linear combination of nodal arrays. Local."""
     return sum((w * v for w, v in zip(weights, values, strict=True)), 0.0)
+
+
+def _impulse_speed(step: StepRecord, update: RateUpdate, size: int) -> Floats:
+    """Velocity at the end of a step before impulses of springs, at the owned dofs. Local."""
+    parts = zip(update.of_rates[0], step.start.rates, strict=True)
+    speed = update.of_end[0] * step.end.u + update.of_start[0] * step.start.u
+    velocity: Floats = speed + sum(w * rate for w, rate in parts)
+    return velocity[:size]

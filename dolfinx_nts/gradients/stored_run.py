@@ -9,8 +9,11 @@ from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.gradients.contact_derivative import ContactDerivative
+from dolfinx_nts.gradients.contact_difference import ContactDifference
 from dolfinx_nts.gradients.step_derivative import MotionState, StepRecord
+from dolfinx_nts.gradients.support import has_exact_derivative
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper, observed
+from dolfinx_nts.integrators.implicit.released_springs import ReleasedSprings
 
 __all__ = ["StoredRun"]
 
@@ -29,12 +32,21 @@ class StoredRun:
         stepper: The stepper, at the start of the run.
         carried: Rates that its scheme carries from step to step.
         every: Number of steps whose states are stored at a time; None for all.
+        released: Springs of the stepper that return energy; None without inertia.
+
+    Attributes:
+        has_differences: Whether any step has contact without an adjoint.
     """
 
     def __init__(
-        self, stepper: ImplicitStepper, carried: Sequence[fem.Function], every: int | None
+        self,
+        stepper: ImplicitStepper,
+        carried: Sequence[fem.Function],
+        every: int | None,
+        released: ReleasedSprings | None,
     ) -> None:
         self._stepper, self._carried, self._every = stepper, carried, every
+        self._released, self.has_differences = released, False
         self._segments: list[_Segment] = []
         self._records: list[StepRecord] = []  # of the last segment that was run
 
@@ -50,6 +62,7 @@ class StoredRun:
             if (record := next(steps, None)) is None:
                 break
             self._records.append(record)
+            self.has_differences |= len(record.differences) > 0
             yield record
             if len(self._records) == self._every:
                 self._segments.append(_Segment(start, self._stepper.t))
@@ -80,19 +93,25 @@ class StoredRun:
         stepper = self._stepper
         start, t_n = self._state(), stepper.t
         contacts: list[ContactDerivative] = []
+        differences: list[ContactDifference] = []
 
         def observe(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> None:
-            scheme = stepper.scheme.contact
-            contacts[:] = [
-                ContactDerivative(step, state, scheme)
-                for step, state in zip(steps, states, strict=True)
-            ]
+            contacts.clear()
+            differences.clear()
+            for step, state in zip(steps, states, strict=True):
+                if has_exact_derivative(step, state):
+                    contacts.append(ContactDerivative(step, state, stepper.scheme.contact))
+                else:
+                    differences.append(ContactDifference(step, state, stepper.x, self._released))
 
         with observed(stepper, observe):
             for report in stepper.run(until):
                 end = self._state()
-                yield StepRecord(t_n, report.dt, report.t, start, end, tuple(contacts))
+                known = tuple(contacts), tuple(differences)
+                yield StepRecord(t_n, report.dt, report.t, start, end, *known)
                 start, t_n = end, stepper.t
+                contacts.clear()
+                differences.clear()
 
     def _state(self) -> MotionState:
         rates = [function.x.array.copy() for function in self._carried]

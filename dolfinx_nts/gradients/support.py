@@ -3,9 +3,14 @@
 from typing import Any
 
 from dolfinx_nts.common.arguments import kind_of
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.method import NODES
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
+from dolfinx_nts.parallel import reductions
 
-__all__ = ["check_supported"]
+__all__ = ["check_supported", "has_adjoint", "has_exact_derivative"]
 
 
 def check_supported(stepper: Any) -> None:
@@ -32,3 +37,29 @@ def check_supported(stepper: Any) -> None:
                 f"{body.material!r} of {body.name}: its energy without branches or plastic flow "
                 "has derivatives"
             )
+
+
+def has_adjoint(pair: ContactPair) -> bool:
+    """Whether the contact of a pair has derivatives in closed form, and thus an adjoint. Local.
+
+    It has for springs of nodes on segments, without friction. All other contact is differentiated
+    along one direction at a time.
+    """
+    return pair.method == NODES and pair.friction is None
+
+
+def has_exact_derivative(step: ContactStep, last: ContactContribution) -> bool:
+    """Whether a step of contact has derivatives in closed form. Collective.
+
+    Springs that return energy as an impulse have none.
+
+    Args:
+        step: The accepted attempt, before its pairs accept their histories.
+        last: Its last evaluation.
+    """
+    if not has_adjoint(step.state.pair):
+        return False
+    normal, node = step.normal, last.pairs.node
+    returns = [normal.surplus_energy(last.pairs), normal.released_energy(node)]
+    own = any(bool((energy > 0).any()) for energy in returns)
+    return not reductions.anywhere(step.state.nodes.V.mesh.comm, own)

@@ -586,6 +586,7 @@ class StepEquations(NamedTuple):
         rates: Relation between velocities and displacements.
         copies: Copies of the user's Constants and Functions in the forms of loads.
         contacts: States of all pairs, including those of vertices.
+        released: Springs that return energy to the bodies; None without inertia.
         set_data: Function ``set_data(t_n, dt)`` that sets loads, supports and motions as in a
             former step of length dt from t_n, both [s]. Collective.
     """
@@ -595,6 +596,7 @@ class StepEquations(NamedTuple):
     rates: Rates
     copies: Mapping[Any, Any]
     contacts: Sequence[PairState]
+    released: ReleasedSprings | None
     set_data: Callable[[float, float], None]
 
 
@@ -606,6 +608,7 @@ def equations_of(stepper: ImplicitStepper) -> StepEquations:
         stepper._rates,
         stepper._copies,
         stepper._all_contacts,
+        stepper._released_springs,
         stepper._set_data,
     )
 
