@@ -138,6 +138,15 @@ class PairState(Tractions, NodesOfPairs):
         """Accept the contact of a step, or a function that computes it on demand. Local."""
         self.accepted = history
 
+    @property
+    def springs(self) -> tuple[Any, ...]:
+        """Stiffness of the springs that was chosen; set it to keep them in another run. Local."""
+        return self.eps_N, self.depth_per_speed, self.eps_T, self._ranges
+
+    @springs.setter
+    def springs(self, known: tuple[Any, ...]) -> None:
+        self.eps_N, self.depth_per_speed, self.eps_T, self._ranges = known
+
     def derive_penalty(
         self,
         stiffness: Callable[[], tuple[Floats, Floats]],

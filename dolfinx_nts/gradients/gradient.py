@@ -10,6 +10,7 @@ import ufl
 from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.common.arguments import whole
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.gradients.controls import InitialControl, ParameterControl, control_of
 from dolfinx_nts.gradients.objective import Objective, Term
 from dolfinx_nts.gradients.step_derivative import MotionState, StepDerivative, StepRecord
@@ -31,7 +32,9 @@ class Gradient:
     The steps of the scheme are differentiated exactly, so that gradients are those of the computed
     objective. Optimisers of SciPy take `value` and `gradient` as they are. Each call repeats the
     run from the state at which the object was made, and leaves the stepper at the end of the run.
-    Collective, as are all methods.
+    Springs of contact keep the stiffness that the first run has chosen. Which nodes touch, and
+    whether they slip, is constant within a step; at controls where this changes, derivatives are
+    one-sided. Collective, as are all methods.
 
     Args:
         stepper: An `EnergyMomentum`, `Midpoint` or `QuasiStatic` stepper before the run.
@@ -80,13 +83,17 @@ class Gradient:
         self._ends = np.cumsum([control.size for control in self._controls])
         self._parameters = [c for c in self._controls if isinstance(c, ParameterControl)]
         self._comm = stepper.u.function_space.mesh.comm
-        self._steps = StepDerivative(equations_of(stepper), self._parameters)
+        equations = equations_of(stepper)
+        self._steps = StepDerivative(equations, self._parameters)
         values = [control.value for control in self._parameters]
         self._objective = Objective(objective, (stepper.u, stepper.v), values)
         self._start = Snapshot()
         stepper.serialize(self._start)
         # Values of initial states; the stepper has those at the end of the run.
         self._x = np.concatenate([control.get() for control in self._controls])
+        # Springs of the first run, by pair.
+        self._contacts: Sequence[PairState] = equations.contacts
+        self._springs: dict[PairState, tuple[Any, ...]] = {}
         # The last run: its controls, objective and states.
         self._of: Floats | None = None
         self._value, self._stored = 0.0, self._new_store()
@@ -171,6 +178,8 @@ class Gradient:
             return
         self._x, self._of = x.copy(), None
         self.stepper.serialize(self._start.rewind())
+        for contact, springs in self._springs.items():
+            contact.springs = springs
         for control, part in zip(self._controls, self._split(x), strict=True):
             control.set(part)
         self._value, self._stored = 0.0, self._new_store()
@@ -178,6 +187,7 @@ class Gradient:
             is_end = self._until - step.t <= ROUND_OFF * step.dt
             term = self._objective.term(step.t, is_end=is_end)
             self._value += 0.0 if term is None else term.value()
+        self._springs = self._springs or {each: each.springs for each in self._contacts}
         self._of = self._x
 
     @contextmanager

@@ -27,7 +27,7 @@ __all__ = ["MotionState", "StepDerivative", "StepRecord"]
 
 # Largest displacement in a difference, relative to the longest segment [-]. Larger: curvature of
 # gaps; smaller: round-off of positions.
-_STEP = 1e-6
+_STEP = 1e-5
 
 
 class MotionState(NamedTuple):
