@@ -10,7 +10,7 @@ import ufl
 from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.common.arguments import whole
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.pair_state import PairState, keep_springs, springs_of
 from dolfinx_nts.gradients.controls import InitialControl, ParameterControl, control_of
 from dolfinx_nts.gradients.objective import Objective, Term
 from dolfinx_nts.gradients.step_derivative import MotionState, StepDerivative, StepRecord
@@ -57,11 +57,10 @@ class Gradient:
             occurs nowhere.
 
     Example:
-        >>> box = nts.Body(V, cells, tag["upper"], rubber)
         >>> stepper = nts.EnergyMomentum(bodies, dt=0.01)
         >>> kinetic = ufl.inner(stepper.v, stepper.v) * ufl.dx
         >>> J = nts.Gradient(stepper, [stepper.v], kinetic, until=0.02)
-        >>> J.gradient(0.1 * np.ones(J.controls.size)).shape == J.controls.shape
+        >>> J.gradient(np.ones(J.controls.size)).shape == J.controls.shape
         True
     """
 
@@ -87,6 +86,7 @@ class Gradient:
         self._steps = StepDerivative(equations, self._parameters)
         values = [control.value for control in self._parameters]
         self._objective = Objective(objective, (stepper.u, stepper.v), values)
+        self._check_occurrence(objective)
         self._start = Snapshot()
         stepper.serialize(self._start)
         # Values of initial states; the stepper has those at the end of the run.
@@ -151,6 +151,19 @@ class Gradient:
         with self._kept():
             return self._tangent(self._checked(direction, "a direction"))
 
+    def _check_occurrence(self, objective: Any) -> None:
+        """Raise if a control occurs nowhere; functions of the time may return any form."""
+        of_objective: tuple[Any, ...] = ()
+        if isinstance(objective, ufl.Form):
+            of_objective = (*objective.constants(), *objective.coefficients())
+        for control, (forms, _) in zip(self._parameters, self._steps.of_controls, strict=True):
+            is_known = forms.exists or control.value in of_objective
+            if not (is_known or (callable(objective) and not of_objective)):
+                raise ValueError(
+                    "expected controls in an energy, a load or the objective, given "
+                    f"{control.value!r}, which occurs in none"
+                )
+
     def _split(self, values: Floats) -> list[Floats]:
         return np.split(values, self._ends[:-1])
 
@@ -179,7 +192,7 @@ class Gradient:
         self._x, self._of = x.copy(), None
         self.stepper.serialize(self._start.rewind())
         for contact, springs in self._springs.items():
-            contact.springs = springs
+            keep_springs(contact, springs)
         for control, part in zip(self._controls, self._split(x), strict=True):
             control.set(part)
         self._value, self._stored = 0.0, self._new_store()
@@ -187,7 +200,7 @@ class Gradient:
             is_end = self._until - step.t <= ROUND_OFF * step.dt
             term = self._objective.term(step.t, is_end=is_end)
             self._value += 0.0 if term is None else term.value()
-        self._springs = self._springs or {each: each.springs for each in self._contacts}
+        self._springs = self._springs or {each: springs_of(each) for each in self._contacts}
         self._of = self._x
 
     @contextmanager
@@ -196,7 +209,8 @@ class Gradient:
         end = Snapshot()
         self.stepper.serialize(end)
         try:
-            yield
+            with self._steps.whole():
+                yield
         finally:
             self.stepper.serialize(end.rewind())
 

@@ -1,6 +1,7 @@
 """Derivative of one solved step: tangent-linear and adjoint."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -98,6 +99,18 @@ class StepDerivative:
             )
         V = rates.u.function_space
         self._shape = V.dofmap.index_map.size_local, dimension(V)
+
+    @contextmanager
+    def whole(self) -> Iterator[None]:
+        """Context in which all bodies take part, with nothing but their own forces. Local."""
+        bulk, none = self._bulk, np.empty(0, dtype=np.int32)
+        left_out, stabilisation = bulk.leave_out(none, none), bulk.stabilisation
+        bulk.stabilisation = None
+        try:
+            yield
+        finally:
+            bulk.stabilisation = stabilisation
+            bulk.leave_out(*left_out)
 
     def take(self, step: StepRecord) -> RateUpdate:
         """Set all functions and data to a solved step; return its update of rates."""
@@ -197,7 +210,7 @@ class StepDerivative:
             speed = given + sign * h * v.ravel()
             change = released.impulse(there, speed, force, energy) if energy else None
             impulses.append(np.zeros(n * d) if change is None else change)
-        difference: Floats = (impulses[0] - impulses[1]) / (2 * h)
+        difference: Floats = np.subtract(*impulses) / (2 * h)
         return difference.reshape(n, d)
 
     def adjoint(

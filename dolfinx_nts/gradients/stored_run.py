@@ -1,6 +1,7 @@
 """Stored states of a run, and repetition of parts of it to bound the memory."""
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 from dolfinx import fem
@@ -48,28 +49,25 @@ class StoredRun:
         self._stepper, self._carried, self._every = stepper, carried, every
         self._released, self.has_differences = released, False
         self._segments: list[_Segment] = []
-        self._records: list[StepRecord] = []  # of the last segment that was run
+        # Steps of one segment, and its number.
+        self._records: list[StepRecord] = []
+        self._known = -1
 
     def forward(self, until: float) -> Iterator[StepRecord]:
         """Run until a time [s] and return the steps."""
-        start: Snapshot | None = None
         steps = self._recorded(until)
         while True:
-            if start is None:
-                start = Snapshot()
-                self._stepper.serialize(start)
-                self._records = []
-            if (record := next(steps, None)) is None:
+            start = Snapshot()
+            self._stepper.serialize(start)
+            records: list[StepRecord] = []
+            for record in islice(steps, self._every):
+                records.append(record)
+                self.has_differences |= len(record.differences) > 0
+                yield record
+            if not records:
                 break
-            self._records.append(record)
-            self.has_differences |= len(record.differences) > 0
-            yield record
-            if len(self._records) == self._every:
-                self._segments.append(_Segment(start, self._stepper.t))
-                start = None
-        if self._records:
+            self._records, self._known = records, len(self._segments)
             self._segments.append(_Segment(start, self._stepper.t))
-        self._known = len(self._segments) - 1
 
     def steps(self, *, backwards: bool) -> Iterator[tuple[StepRecord, bool]]:
         """Steps of the run, each with a flag whether it is the last one of the run."""

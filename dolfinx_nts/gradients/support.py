@@ -3,6 +3,7 @@
 from typing import Any
 
 from dolfinx_nts.common.arguments import kind_of
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.method import NODES
@@ -36,6 +37,25 @@ def check_supported(stepper: Any) -> None:
                 "expected materials without internal variables for gradients, given "
                 f"{body.material!r} of {body.name}: its energy without branches or plastic flow "
                 "has derivatives"
+            )
+    for pair in stepper.pairs:
+        if not isinstance(pair.enforcement, Penalty):
+            raise ValueError(
+                f"expected contact by springs for gradients, given {pair.describe()} of "
+                f"{pair.between}: active sets of multipliers jump, and slopes between jumps "
+                "mislead; enforcement=Penalty() has derivatives"
+            )
+        if pair.is_convective:
+            raise ValueError(
+                f"expected friction without convective coordinates for gradients, given it of "
+                f"{pair.between}: the default law of slip has derivatives"
+            )
+    for contact in stepper.contacts:
+        if contact.search.may_move:
+            raise ValueError(
+                "expected fixed obstacles for gradients, given the moving "
+                f"{contact.segments.name}: the surface of a stiff body that its supports move has "
+                "derivatives"
             )
 
 
