@@ -8,7 +8,7 @@ import numpy as np
 import ufl
 
 from dolfinx_nts.common.archive import Snapshot
-from dolfinx_nts.common.arguments import whole
+from dolfinx_nts.common.arguments import finite, whole
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState, keep_springs, springs_of
 from dolfinx_nts.gradients.controls import InitialControl, ParameterControl, control_of
@@ -74,7 +74,12 @@ class Gradient:
         stored_steps: int | None = None,
     ) -> None:
         check_supported(stepper)
-        self.stepper, self._until = stepper, float(until)
+        self.stepper, self._until = stepper, finite("until", until)
+        if not self._until > stepper.t:
+            raise ValueError(
+                f"expected the end of the run after the time of the stepper, {stepper.t:g} s, "
+                f"given until = {until:g}: make all gradients before the first run"
+            )
         self._every = None if stored_steps is None else whole("stored_steps", stored_steps)
         self._controls = [control_of(value, stepper) for value in controls]
         if not self._controls:

@@ -9,6 +9,7 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
+from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["check_supported", "has_adjoint", "has_exact_derivative"]
@@ -38,6 +39,12 @@ def check_supported(stepper: Any) -> None:
                 f"{body.material!r} of {body.name}: its energy without branches or plastic flow "
                 "has derivatives"
             )
+    if stepper.pairs and stepper.scheme.rates is NoRates:
+        raise ValueError(
+            "expected a stepper with inertia for gradients through contact, given "
+            f"{type(stepper).__name__} with {stepper.pairs[0].between}: EnergyMomentum with "
+            "mass_damping comes to rest in the same state"
+        )
     for pair in stepper.pairs:
         if not isinstance(pair.enforcement, Penalty):
             raise ValueError(

@@ -178,22 +178,18 @@ class PenaltyContact(NormalContact):
         return stored
 
     def derivatives(self, pairs: PairKinematics) -> SpringDerivatives:
-        """Derivatives of the springs for given decisions. Local."""
+        """Derivatives of the springs for given decisions, with inertia. Local."""
         old, node = self._state.history, pairs.node
         gap_n, gap, offset = pairs.contact.gap_n, pairs.contact.gap, self._offset(pairs)
         slopes = spring_slopes(
             *(gap_n - offset, gap - offset, self._eps_N[node], self._share),
             self.soft_depth[node],
         )
-        if self._is_static:
-            slopes = np.zeros((3, len(node)))
-            slopes[1] = np.where(self.active[node], self._eps_N[node], 0.0)
         # Offsets follow the gaps at t_n if points have changed, up to a limit.
         pairing, was_known = self._search.pairing, old.key[node] != NEVER
-        changes = ~pairing.is_same(pairs) if pairing.follows else not self._is_static
+        changes = ~pairing.is_same(pairs) if pairing.follows else np.ones(len(node), dtype=bool)
         moved, was_active = was_known & changes, old.active[node]
-        is_limited = self._offset_of_compression(pairs) > np.fmax(-gap_n, 0.0)
-        is_limited &= was_known & (not self._is_static)
+        is_limited = was_known & (self._offset_of_compression(pairs) > np.fmax(-gap_n, 0.0))
         of_offset = np.zeros((len(node), 6))
         of_offset[:, 0] = moved & (was_active | (gap_n <= 0))
         of_offset[:, 2], of_offset[:, 3] = 1.0, -1.0 * (moved & was_active)
