@@ -158,8 +158,8 @@ picture
 # not larger than that of the true values, E within 1 % and Poisson's ratio within 3 %.
 
 # +
-h, (slope, _) = 1e-4, J.gradient(guess)
-difference = (J.value(guess + [h, 0]) - J.value(guess - [h, 0])) / (2 * h)
+h, (slope, _) = np.array([1e-4, 0]), J.gradient(guess)
+difference = (J.value(guess + h) - J.value(guess - h)) / (2 * h[0])
 assert abs(slope / difference - 1) < 1e-5
 assert found.fun <= least
 if num_steps == full:
