@@ -42,6 +42,7 @@ DEMOS = {
     "hammer": ["hammer_force.png"],
     "hertz": ["hertz_force.png", "hertz_pressure.png"],
     "hollow_seal": ["hollow_seal.png"],
+    "identification": ["identification.png", "identification_path.png"],
     "indentation": ["indentation.png"],
     "inflation": ["inflation.png"],
     "ironing": ["ironing.png", "ironing_force.png"],

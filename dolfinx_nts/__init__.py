@@ -28,6 +28,7 @@ from dolfinx_nts.diagnostics.bodies import BodyBalance
 from dolfinx_nts.diagnostics.contact import PairBalance
 from dolfinx_nts.diagnostics.fields import Fields
 from dolfinx_nts.fem.axisymmetry import axisymmetric
+from dolfinx_nts.gradients.gradient import Gradient
 from dolfinx_nts.integrators.conditions import ContactForce
 from dolfinx_nts.integrators.explicit.central_difference import CentralDifference
 from dolfinx_nts.integrators.implicit.generalized_alpha import (
@@ -104,6 +105,7 @@ __all__ = [
     "FrictionLaw",
     "FrictionNodes",
     "GeneralizedAlpha",
+    "Gradient",
     "Gravity",
     "Guide",
     "HolzapfelGasserOgden",

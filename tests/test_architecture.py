@@ -30,7 +30,7 @@ LAYERS = [
     {"contact.implicit", "contact.explicit"},
     {"solvers"},
     {"integrators"},
-    {"diagnostics", "plotting"},
+    {"diagnostics", "gradients", "plotting"},
     {"io"},
     {""},
 ]
@@ -47,7 +47,10 @@ LIBRARIES = {
     "matplotlib": {"plotting"},
     "PIL": {"plotting"},
     "imageio_ffmpeg": {"plotting"},
-    "ufl": {"fem", "materials", "model", "solvers", "integrators", "diagnostics", "plotting", "io"},
+    "ufl": {
+        *("fem", "materials", "model", "solvers", "integrators", "diagnostics", "gradients"),
+        *("plotting", "io"),
+    },
     "dolfinx_nts._kernels": {
         *("parallel", "fem", "model", "search", "contact", "contact.implicit"),
         *("contact.explicit", "solvers", "integrators"),

@@ -40,7 +40,7 @@ from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
 from dolfinx_nts.search.smooth.smooth_search import SmoothSearch
 from dolfinx_nts.search.spheres.sphere_search import SphereSearch
 
-__all__ = ["PairState"]
+__all__ = ["PairState", "keep_springs", "springs_of"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -342,6 +342,16 @@ class PairState(Tractions, NodesOfPairs):
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
             text += f", {name} = {values} N/m"
         return text
+
+
+def springs_of(state: PairState) -> tuple[Any, ...]:
+    """Stiffness of the springs that a pair has chosen, for `keep_springs`. Local."""
+    return state.eps_N, state.layers, state.eps_T, state._ranges
+
+
+def keep_springs(state: PairState, known: tuple[Any, ...]) -> None:
+    """Give a pair springs that were chosen in another run. Local."""
+    state.eps_N, state.layers, state.eps_T, state._ranges = known
 
 
 def _takes_default(pair: ContactPair) -> bool:

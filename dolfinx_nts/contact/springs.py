@@ -4,7 +4,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["STIFFER", "spring_energy", "spring_force"]
+__all__ = ["STIFFER", "spring_energy", "spring_force", "spring_slopes"]
 
 # Stiffness of default springs beyond their soft part, relative to that of the soft part [-].
 # Larger: more iterations; smaller: more penetration. With 1, 5, 10 and 20 the peak force of a ball
@@ -61,6 +61,38 @@ def spring_force(
     # No tension, as for nodes that separate fast.
     pushes = lambda_N < 0
     return np.where(pushes, lambda_N, 0.0), np.where(pushes, slope, 0.0)
+
+
+def spring_slopes(
+    gap_n: Floats,
+    gap: Floats,
+    eps_N: Floats,
+    end_weight: float = 0.5,
+    soft_depth: Floats | float = np.inf,
+) -> Floats:
+    """Derivatives of the multiplier with respect to gap_n, gap and soft_depth. Local.
+
+    Arguments as for `spring_force`.
+
+    Returns:
+        Derivatives [N/m], shape ``(3, m)``.
+    """
+    ends = np.isfinite(soft_depth)
+    start, stiffness = np.where(ends, soft_depth, 0.0), (STIFFER - 1) * eps_N * ends
+    soft = _two_slopes(gap_n, gap, eps_N, end_weight)
+    stiff = _two_slopes(gap_n + start, gap + start, stiffness, end_weight)
+    slopes: Floats = np.array([*(soft + stiff), stiff.sum(axis=0)])
+    if end_weight != 0.5:
+        slopes *= spring_force(gap_n, gap, eps_N, end_weight, soft_depth)[0] < 0
+    return slopes
+
+
+def _two_slopes(gap_n: Floats, gap: Floats, eps_N: Floats, end_weight: float) -> Floats:
+    """Derivatives for springs of one stiffness with respect to both gaps, ``(2, m)``. Local."""
+    # The quotient is symmetric in both gaps, the additional term is not.
+    of_start = _quotient(gap, gap_n, eps_N, 0.5)[1]
+    of_start -= (end_weight - 0.5) * np.where(gap_n < 0, eps_N, 0.0)
+    return np.array([of_start, _quotient(gap_n, gap, eps_N, end_weight)[1]])
 
 
 def _quotient(

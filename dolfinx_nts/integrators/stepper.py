@@ -68,6 +68,9 @@ class ScriptValues:
         loads: Loads of the stepper.
         state: Displacements at both ends of a step, which are not copied.
         update: Function of the user that sets values for a time [s], or None.
+
+    Attributes:
+        copies: Copies by the Constant or Function of the user.
     """
 
     def __init__(
@@ -77,7 +80,7 @@ class ScriptValues:
         update: Callable[[float], None] | None,
     ) -> None:
         self._state, self._update = state, update
-        self._copies: dict[Any, Any] = {}
+        self.copies: dict[Any, Any] = {}
         self._constants = [(load.name, load.form(*state).constants()) for load in loads]
 
     @property
@@ -93,22 +96,22 @@ class ScriptValues:
         """Replace the user's constants and functions in the form of a load by copies."""
         given = [value for value in load.given(form) if not any(value is s for s in self._state)]
         for value in given:
-            if value not in self._copies:
-                self._copies[value] = value.copy() if _is_function(value) else _copy(value)
-        return ufl.replace(form, {value: self._copies[value] for value in given})
+            if value not in self.copies:
+                self.copies[value] = value.copy() if _is_function(value) else _copy(value)
+        return ufl.replace(form, {value: self.copies[value] for value in given})
 
     def update(self, end: float) -> None:
         """Call ``update`` for the time at the end of the step [s], unless `take` does."""
-        if self._update is not None and not self._copies:
+        if self._update is not None and not self.copies:
             self._update(end)
 
     def take(self, t: float, end: float) -> None:
         """Copy the values at the time t of the loads, then set those at the end of the step [s]."""
-        if not self._copies:
+        if not self.copies:
             return
         if self._update is not None:
             self._update(t)
-        for value, copy in self._copies.items():
+        for value, copy in self.copies.items():
             if _is_function(value):
                 copy.x.array[:] = value.x.array
             else:

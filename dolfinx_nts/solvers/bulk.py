@@ -35,6 +35,7 @@ class Bulk:
     Attributes:
         comm: Communicator of the mesh.
         u: The unknown.
+        forms: Residual form of the bodies, then that of each load, with the sign of the residual.
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells on which residual and derivative are assembled.
@@ -58,7 +59,7 @@ class Bulk:
         self.supports = Supports(V, bcs)
         self.supports.check()
         self.supports.warn_of_empty()
-        forms = [residual, *(-load for load in loads)]
+        self.forms = forms = (residual, *(-load for load in loads))
         nodes = V.dofmap.index_map
         self._residual = NodalSum([expand_derivatives(form) for form in forms], V)
         self._derivative = Derivative(forms, u, jumps=jumps)

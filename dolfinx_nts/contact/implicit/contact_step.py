@@ -75,6 +75,8 @@ class ContactStep:
 
     Attributes:
         state: The argument.
+        begins_from: The positions x_n and x_trial.
+        repeat: Function ``repeat(x_n=, x_trial=)`` that makes another attempt from other positions.
         search: Segments of the nodes.
         normal: Normal contact of the nodes.
         friction: Friction of the nodes.
@@ -104,6 +106,21 @@ class ContactStep:
     ) -> None:
         """Find the candidates within the search radius, and the eligible nodes."""
         self.state, self._scheme = state, scheme
+        self.begins_from = x_n, x_trial
+        self.repeat = partial(
+            ContactStep,
+            state,
+            scheme,
+            stiffness=stiffness,
+            free=free,
+            is_static=is_static,
+            rigid=rigid,
+            intermediate=intermediate,
+            share=share,
+            begins_sticking=begins_sticking,
+            dt=dt,
+            others=others,
+        )
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.search = search = make_search(state, x_n, x_trial, is_static)
         self.x = search.x_n

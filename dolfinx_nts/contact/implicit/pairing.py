@@ -53,6 +53,10 @@ class Pairing(ABC):
         """
 
     @abstractmethod
+    def exchanged(self, x: Floats) -> "Pairing":
+        """The same nodes and segments in a step that starts at x instead of x_n."""
+
+    @abstractmethod
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
         """Evaluate the slip of nodes in a step to x; ``law`` as for `Candidates.slip`."""
 
@@ -122,6 +126,12 @@ class NodePairing(Pairing):
         unknown = None if free is None else free[dofs].reshape(contact.force.shape)
         blocks = OwnBlocks(dofs, unknown, contact.tangent)
         return PairKinematics(node, segment, unknown, contact, blocks)
+
+    def exchanged(self, x: Floats) -> "NodePairing":
+        others = self._surface, self._candidates, self._points, x, self._history
+        other = NodePairing(*others)
+        other.shared = self.shared
+        return other
 
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
         if not self.shared.many[node].any():

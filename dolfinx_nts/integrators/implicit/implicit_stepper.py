@@ -13,10 +13,11 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from dolfinx import fem
@@ -39,6 +40,7 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.normal.interface import known_nodes
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.vertices import VertexState, add_vertices, release_vertices
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.fem.node_numbering import geometry_unchanged
@@ -51,7 +53,7 @@ from dolfinx_nts.integrators.implicit.static_stiffness import choose_default_sti
 from dolfinx_nts.integrators.implicit.step_forces import Reactions, StepForces, StepWorks
 from dolfinx_nts.integrators.implicit.step_solver import StepSolver
 from dolfinx_nts.integrators.massless.resolved_impact import ResolvedImpact
-from dolfinx_nts.integrators.rates import MidpointRates, NoRates
+from dolfinx_nts.integrators.rates import MidpointRates, NoRates, Rates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import (
     check_closed_contact,
@@ -77,7 +79,7 @@ from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 from dolfinx_nts.solvers.precond.tangent import Tangent
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
 
-__all__ = ["ImplicitStepper"]
+__all__ = ["ImplicitStepper", "StepEquations", "equations_of", "observed"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -102,6 +104,9 @@ class ImplicitStepper(Stepper):
         >>> MyMidpoint(bodies, dt=0.01).step
         0
     """
+
+    # Called with the contact of each step before it is accepted, see `observed`.
+    _observer: Callable[[Sequence[ContactStep], Sequence[ContactContribution]], None] | None = None
 
     @geometry_unchanged()
     @compat.quicker_ffcx()  # UFL derivatives query cells as often as FFCx does.
@@ -215,6 +220,10 @@ class ImplicitStepper(Stepper):
     @property
     def _is_static(self) -> bool:
         return self._rates.acceleration is None
+
+    @property
+    def _copies(self) -> Mapping[Any, Any]:
+        return self._script.copies
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, including the rates and the linear solver."""
@@ -490,6 +499,8 @@ class ImplicitStepper(Stepper):
         ``attempts`` are the reports of all attempts, ``load`` is the norm of the loads [N].
         """
         self._warn_if_unstable(steps, solution)
+        if self._observer is not None:
+            self._observer(steps, solution.end.states)
         n = len(self._lumped_mass)
         works = {}
         for step, pairs in zip(steps, solution.end.states, strict=True):
@@ -551,11 +562,68 @@ class ImplicitStepper(Stepper):
             reactions=reactions,
         )
 
+    def _set_data(self, t_n: float, dt: float) -> None:
+        """Set loads, supports and motions as in a former step of length dt from t_n, both [s]."""
+        self.t, self._dt.value[...] = t_n, dt
+        with self._steps_of(dt):
+            self._script.update(t_n + dt)
+            self._load_at(self.scheme.load_point)
+            self._begin(t_n, t_n + dt)
+
     def _work_of_solvers(self) -> tuple[int, SolverStatistics]:
         return self._bulk.num_assembled[0], self._solver.statistics
 
     def _in_space(self, values: Floats) -> Floats:
         return in_space(values.reshape(-1, self._bulk.rigid.dim))
+
+
+class StepEquations(NamedTuple):
+    """Equations of the steps of a stepper, for derivatives of their solutions.
+
+    Attributes:
+        bulk: Residual of the bodies and loads, with the supports.
+        tangent: Matrix for preconditioners.
+        rates: Relation between velocities and displacements.
+        copies: Copies of the user's Constants and Functions in the forms of loads.
+        contacts: States of all pairs, including those of vertices.
+        released: Springs that return energy to the bodies; None without inertia.
+        set_data: Function ``set_data(t_n, dt)`` that sets loads, supports and motions as in a
+            former step of length dt from t_n, both [s]. Collective.
+    """
+
+    bulk: Bulk
+    tangent: Tangent
+    rates: Rates
+    copies: Mapping[Any, Any]
+    contacts: Sequence[PairState]
+    released: ReleasedSprings | None
+    set_data: Callable[[float, float], None]
+
+
+def equations_of(stepper: ImplicitStepper) -> StepEquations:
+    """Equations of the steps of a stepper. Local."""
+    return StepEquations(
+        stepper._bulk,
+        stepper._tangent,
+        stepper._rates,
+        stepper._copies,
+        stepper._all_contacts,
+        stepper._released_springs,
+        stepper._set_data,
+    )
+
+
+@contextmanager
+def observed(
+    stepper: ImplicitStepper,
+    observer: Callable[[Sequence[ContactStep], Sequence[ContactContribution]], None],
+) -> Iterator[None]:
+    """Context in which a function sees the contact of each step before it is accepted. Local."""
+    stepper._observer = observer
+    try:
+        yield
+    finally:
+        stepper._observer = None
 
 
 def _release_fractions(pairs: Sequence[ContactPair]) -> list[float]:

@@ -153,6 +153,47 @@ class ReleasedSprings:
                 *(t, state.pair.between, lost[state]),
             )
 
+    def taken(self) -> tuple[Floats, float]:
+        """Forces of the collected springs on the owned nodes, ``(n, 3)`` [N], and energy [J].
+
+        They are not given back. Local.
+        """
+        force, energy = self._force.copy(), sum(self._energies.values())
+        self._energies, self._lost = {}, {}
+        self._force[:] = 0.0
+        return force, energy
+
+    def impulse(self, u: Floats, v: Floats, force: Floats, energy: float) -> Floats | None:
+        """Change of the velocity by springs that return their energy. Collective.
+
+        Args:
+            u: Displacement at the owned nodes, shape ``(n, d)`` [m].
+            v: Velocity at the owned dofs, shape ``(d n,)`` [m/s].
+            force: Forces of the springs, shape ``(n, 3)`` [N].
+            energy: Their energy [J].
+
+        Returns:
+            The change, shape ``(d n,)`` [m/s]; None if neither side can move.
+        """
+        forces, d = of_space(force, u.shape[1]).ravel(), u.shape[1]
+        rigid, comm = self._bulk.rigid, self._bulk.comm
+        rigid.begin(u)
+        unknown = 1.0 if self._free is None else self._free.ravel()
+
+        def admissible(values: Floats) -> Floats:
+            return rigid.nearest_free((unknown * values).reshape(-1, d)).ravel()
+
+        change = self._mass.solve(forces, admissible)
+        momentum = self._mass.times(change)
+        # The velocity field of a rotating rigid body is rigid only up to the order of the scheme.
+        sums = np.array([momentum @ change, momentum @ v])
+        square, speed = map(float, reductions.total(comm, sums))
+        if square <= 0:
+            return None
+        root = np.copysign(np.sqrt(speed**2 + 2 * square * energy), speed)
+        impulse: Floats = 2 * energy / (speed + root) * change
+        return impulse
+
     def _push(self, u: Floats, energy: float) -> bool:
         """Add the impulse that gives the bodies an energy [J] to the velocity. Collective.
 
@@ -161,24 +202,11 @@ class ReleasedSprings:
         """
         if not energy:
             return True
-        force, d = of_space(self._force, u.shape[1]).ravel(), u.shape[1]
-        rigid, comm = self._bulk.rigid, self._bulk.comm
-        rigid.begin(u)
-        unknown = 1.0 if self._free is None else self._free.ravel()
-
-        def admissible(values: Floats) -> Floats:
-            return rigid.nearest_free((unknown * values).reshape(-1, d)).ravel()
-
-        change = self._mass.solve(force, admissible)
-        v, momentum = self._v.x.array, self._mass.times(change)
-        # The velocity field of a rotating rigid body is rigid only up to the order of the scheme.
-        sums = np.array([momentum @ change, momentum @ v[: len(force)]])
+        v = self._v.x.array
+        change = self.impulse(u, v[: u.size], self._force, energy)
         self._force[:] = 0.0
-        square, speed = map(float, reductions.total(comm, sums))
-        if square <= 0:  # Neither side can move.
+        if change is None:
             return False
-        root = np.copysign(np.sqrt(speed**2 + 2 * square * energy), speed)
-        impulse = 2 * energy / (speed + root)
-        v[: len(force)] += impulse * change
+        v[: u.size] += change
         self._v.x.scatter_forward()
         return True

@@ -88,6 +88,9 @@ class MortarPairing(Pairing):
         unknown = None if free is None else free[points.lists].reshape(mean.force.shape)
         return PairKinematics(node, segment, unknown, mean, blocks)
 
+    def exchanged(self, x: Floats) -> "MortarPairing":
+        return MortarPairing(self._candidates, self._points, x, self.x_chosen)
+
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
         points = self._of(node)
         slip = self._candidates.slip_between(*self._ends(points, x), points.segment)

@@ -1,5 +1,7 @@
 """Normal contact by penalty springs in a step."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
@@ -14,9 +16,25 @@ from dolfinx_nts.contact.implicit.normal.linear_values import LinearValues
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.contact.springs import spring_energy, spring_force
+from dolfinx_nts.contact.springs import spring_energy, spring_force, spring_slopes
 
-__all__ = ["PenaltyContact"]
+__all__ = ["PenaltyContact", "SpringDerivatives"]
+
+
+class SpringDerivatives(NamedTuple):
+    """Derivatives of the springs of ``m`` pairs in a step.
+
+    Inputs are the gaps at both ends of the step, then the offset, gap and soft depth of the history
+    at its start, and the approach of the trial motion: six lengths [m]. Outputs are the multiplier
+    [N], and offset, gap and soft depth of the history at the end [m].
+
+    Attributes:
+        matrix: Derivatives of the outputs, shape ``(m, 4, 6)``.
+        of_stiffness: Derivative of the multiplier with respect to eps_N, shape ``(m,)`` [m].
+    """
+
+    matrix: Floats
+    of_stiffness: Floats
 
 
 class PenaltyContact(NormalContact):
@@ -42,6 +60,8 @@ class PenaltyContact(NormalContact):
         super().__init__(state, search)
         self._eps_N, self._is_static = state.eps_N, is_static
         self._share = share
+        # Derivative of the soft depth with respect to the approach of the trial motion [-].
+        self._depth_by_approach: Floats = np.zeros(len(self.active))
         layers = state.layers
         if layers is not None and not is_static and not state.pair.is_convective:
             of_segments = layers.of_candidates(search.candidates)
@@ -160,6 +180,39 @@ class PenaltyContact(NormalContact):
         stored: Floats = self._energy(node, pairs.contact.gap - offset) - before
         return stored
 
+    def derivatives(self, pairs: PairKinematics) -> SpringDerivatives:
+        """Derivatives of the springs for given decisions, with inertia. Local."""
+        old, node = self._state.history, pairs.node
+        gap_n, gap, offset = pairs.contact.gap_n, pairs.contact.gap, self._offset(pairs)
+        slopes = spring_slopes(
+            *(gap_n - offset, gap - offset, self._eps_N[node], self._share),
+            self.soft_depth[node],
+        )
+        # Offsets follow the gaps at t_n if points have changed, up to a limit.
+        pairing, was_known = self._search.pairing, old.key[node] != NEVER
+        changes = ~pairing.is_same(pairs) if pairing.follows else np.ones(len(node), dtype=bool)
+        moved, was_active = was_known & changes, old.active[node]
+        is_limited = was_known & (self._offset_of_compression(pairs) > np.fmax(-gap_n, 0.0))
+        of_offset = np.zeros((len(node), 6))
+        of_offset[:, 0] = moved & (was_active | (gap_n <= 0))
+        of_offset[:, 2], of_offset[:, 3] = 1.0, -1.0 * (moved & was_active)
+        of_offset[is_limited] = 0.0
+        of_offset[is_limited, 0] = -1.0 * (gap_n[is_limited] < 0)
+        of_depth = np.zeros((len(node), 6))
+        is_loaded = self._is_loaded[node]
+        of_depth[:, 4] = is_loaded
+        of_depth[:, 5] = np.where(is_loaded, 0.0, self._depth_by_approach[node])
+        matrix = np.zeros((len(node), 4, 6))
+        matrix[:, 0, :2] = slopes[:2].T
+        matrix[:, 0] -= slopes[:2].sum(axis=0)[:, None] * of_offset
+        matrix[:, 0] += slopes[2][:, None] * of_depth
+        is_open = (gap >= offset) & (gap >= 0)
+        matrix[:, 1] = np.where(is_open[:, None], 0.0, of_offset)
+        matrix[:, 2, 1], matrix[:, 3] = 1.0, of_depth
+        eps_N = self._state.eps_N
+        assert eps_N is not None
+        return SpringDerivatives(matrix, self.lambda_N[node] / eps_N[node])
+
     def released_energy(self, node: Ints) -> Floats:
         history = self._state.history
         energy: Floats = history.energy - slip_energy(history.traction, self._state.eps_T)
@@ -188,6 +241,7 @@ class PenaltyContact(NormalContact):
         deforms &= ~overlaps
         arriving = np.where(deforms, speed * np.where(deforms, depth_per_speed, 0.0), np.inf)
         depth: Floats = np.where(self._is_loaded, old.soft_depth, arriving)
+        self._depth_by_approach = np.where(deforms & (speed > 0), depth_per_speed / dt, 0.0)
         return depth
 
     def _part(self, deforms: Flags, of_layers: Floats) -> Floats:

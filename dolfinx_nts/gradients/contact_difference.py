@@ -1,0 +1,143 @@
+"""Derivatives of contact along one direction, by central differences of the contact alone.
+
+In mortar contact the points and their weights depend on the start of the step and on the trial
+motion, through the parts of facets that face each other. They are differentiated with all else that
+a step of contact computes: the force at the end of the step, which is fixed, and then the history.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from dolfinx import la
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.implicit.accepted_contact import contact_history
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, go_on_from
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.joint_state import members
+from dolfinx_nts.fem.components import in_space, of_space
+from dolfinx_nts.gradients.contact_derivative import (
+    ContactMotion,
+    Histories,
+    of_members,
+    store,
+)
+from dolfinx_nts.integrators.implicit.released_springs import ReleasedSprings
+
+__all__ = ["ContactDifference", "ContactResult"]
+
+# Values of the history of a node on which the next step depends, and their positions in arrays.
+_SCALARS = ("offset", "gap", "soft_depth", "part", "slip", "energy")
+_VECTORS = ("traction", "normal")
+
+
+class ContactResult(NamedTuple):
+    """Contact of a step: force [N], values of the history, and released springs."""
+
+    force: Floats
+    history: Floats
+    released: Floats
+    energy: float
+
+
+class ContactDifference:
+    """Derivatives of one attempt at a step, see `ContactDerivative`. Collective.
+
+    Args:
+        step: The accepted attempt, before its pairs accept their histories.
+        last: Its last evaluation.
+        x: Positions of the local nodes at the end of the step, shape ``(l, 3)`` [m].
+        released: Collects springs that lose energy; it must be empty.
+
+    Attributes:
+        size: Diameter of the longest segment [m].
+    """
+
+    def __init__(
+        self,
+        step: ContactStep,
+        last: ContactContribution,
+        x: Floats,
+        released: ReleasedSprings | None,
+    ) -> None:
+        self._step, self._last, self._released = step, last, released
+        self._ends, self._members = (*step.begins_from, x), members(step.state)
+        self._history = step.state.history
+        self._scatter = step.candidates.scatter
+        self.size: float = max(member.pair.segment_size for member in self._members)
+
+    def end_product(self, x: Floats) -> Floats:
+        """Derivative of the force with respect to the end of the step, times ``(n, d)``."""
+        last, pairs = self._last, self._last.pairs
+        at, total = self._scatter.forward(in_space(x)), np.zeros((len(x), 3))
+        nodes = pairs.blocks.nodes
+        product = np.einsum("pij,pj->pi", last.tangent, at[nodes].reshape(last.tangent.shape[:2]))
+        self._scatter.add(total, nodes, product.reshape(*nodes.shape, 3))
+        at_pairs = at[pairs.dofs].reshape(last.force.shape)
+        change = np.einsum("mcd,md->mc", pairs.gradients, at_pairs)
+        multipliers = np.einsum("mij,mj->mi", last.slopes, change)
+        force = np.einsum("mcd,mc->md", last.columns, multipliers)
+        self._scatter.add(total, pairs.dofs, force.reshape(*pairs.dofs.shape, 3))
+        return of_space(total, x.shape[1])
+
+    def at(self, motion: ContactMotion, h: float, histories: Histories) -> ContactResult:
+        """Contact of a step between positions and histories that are changed by h times others.
+
+        Args:
+            motion: Changes of positions.
+            h: Factor of all changes [-].
+            histories: Changes of the histories at the start of the step.
+        """
+        state, (n, d) = self._step.state, motion.start.shape
+        x_n, x_trial, x = (
+            there + h * self._spread(change)
+            for there, change in zip(self._ends, motion, strict=True)
+        )
+        change = h * of_members(self._members, histories)
+        accepted = [member.accepted for member in self._members]
+        state.accept(_changed(self._history, change))
+        try:
+            step = self._step.repeat(x_n=x_n, x_trial=x_trial)
+            go_on_from([step], [self._step])
+            last = step.evaluate(x[:n], None, 1)
+            force = contact_residual([step], [last], (n, d)).reshape(n, d)
+            released: Floats = np.zeros((n, 3))
+            energy = 0.0
+            if self._released is not None:
+                self._released.collect(step, last)
+                released, energy = self._released.taken()
+            history = _values(contact_history(step, last))
+        finally:
+            for member, before in zip(self._members, accepted, strict=True):
+                member.accept(before)
+        return ContactResult(force, history, released, energy)
+
+    def follow(self, change: Floats, histories: Histories) -> None:
+        """Replace the changes of the histories at the start by those at the end. Local."""
+        store(self._members, change, histories)
+
+    def _spread(self, change: Floats) -> Floats:
+        """Change at the local nodes, ``(l, 3)``, from that at the owned ones, ``(n, d)``."""
+        n, d = change.shape
+        vector = la.vector(self._step.state.nodes.V.dofmap.index_map, d)
+        vector.array[: n * d] = change.ravel()
+        vector.scatter_forward()
+        return in_space(vector.array.reshape(-1, d))
+
+
+def _values(history: ContactHistory) -> Floats:
+    """Values of a history, shape ``(n, WIDTH)``; 0 for those that are not finite. Local."""
+    columns = [getattr(history, name)[:, None] for name in _SCALARS]
+    columns += [getattr(history, name) for name in _VECTORS]
+    return np.nan_to_num(np.hstack(columns), posinf=0.0, neginf=0.0)
+
+
+def _changed(history: ContactHistory, change: Floats) -> ContactHistory:
+    """History with changes, shape ``(n, WIDTH)``. Local."""
+    parts = {name: change[:, i] for i, name in enumerate(_SCALARS)}
+    for i, name in enumerate(_VECTORS):
+        first = len(_SCALARS) + 3 * i
+        parts[name] = change[:, first : first + 3]
+    return replace(history, **{name: getattr(history, name) + part for name, part in parts.items()})

@@ -1,0 +1,276 @@
+"""Gradients of objectives of runs, by adjoint or tangent-linear steps."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import ufl
+
+from dolfinx_nts.common.archive import Snapshot
+from dolfinx_nts.common.arguments import finite, whole
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair_state import PairState, keep_springs, springs_of
+from dolfinx_nts.gradients.controls import InitialControl, ParameterControl, control_of
+from dolfinx_nts.gradients.objective import Objective, Term
+from dolfinx_nts.gradients.step_derivative import MotionState, StepDerivative, StepRecord
+from dolfinx_nts.gradients.stored_run import StoredRun
+from dolfinx_nts.gradients.support import check_supported, has_adjoint
+from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper, equations_of
+from dolfinx_nts.integrators.step_control import ROUND_OFF
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["Gradient"]
+
+# Largest number of controls with tangent-linear steps, one sweep for each.
+_MOST_DIRECTIONS = 50
+
+
+class Gradient:
+    """Derivatives of an objective of a run with respect to controls.
+
+    The steps of the scheme are differentiated exactly, so that gradients are those of the computed
+    objective. Optimisers of SciPy take `value` and `gradient` as they are. Each call repeats the
+    run from the state at which the object was made, and leaves the stepper at the end of the run.
+    Springs of contact keep the stiffness that the first run has chosen. Which nodes touch, and
+    whether they slip, is constant within a step; at controls where this changes, derivatives are
+    one-sided. Collective, as are all methods.
+
+    Args:
+        stepper: An `EnergyMomentum`, `Midpoint` or `QuasiStatic` stepper before the run.
+        controls: Each a ``fem.Constant`` or ``fem.Function`` in an energy, a load or the
+            objective, or ``stepper.u`` or ``stepper.v`` for the initial state.
+        objective: UFL functional of ``stepper.u`` and ``stepper.v`` at the end of the run; or a
+            function of the time [s] that returns a functional of the state at the end of a step
+            ending then, or None. The objective is the sum of all of them.
+        until: Time at the end of the run [s].
+        stored_steps: Number of steps whose states are stored. None for all. Otherwise the state is
+            stored at every so many steps, and the steps between are repeated for a gradient, which
+            takes the time of one more run.
+
+    Attributes:
+        stepper: The argument.
+
+    Raises:
+        TypeError: A control or the objective is of another kind.
+        ValueError: The stepper has parts without derivatives, which the message names, or a control
+            occurs nowhere.
+
+    Example:
+        >>> stepper = nts.EnergyMomentum(bodies, dt=0.01)
+        >>> kinetic = ufl.inner(stepper.v, stepper.v) * ufl.dx
+        >>> J = nts.Gradient(stepper, [stepper.v], kinetic, until=0.02)
+        >>> J.gradient(np.ones(J.controls.size)).shape == J.controls.shape
+        True
+    """
+
+    def __init__(
+        self,
+        stepper: ImplicitStepper,
+        controls: Sequence[Any],
+        objective: ufl.Form | Callable[[float], ufl.Form | None],
+        *,
+        until: float,
+        stored_steps: int | None = None,
+    ) -> None:
+        check_supported(stepper)
+        self.stepper, self._until = stepper, finite("until", until)
+        if not self._until > stepper.t:
+            raise ValueError(
+                f"expected the end of the run after the time of the stepper, {stepper.t:g} s, "
+                f"given until = {until:g}: make all gradients before the first run"
+            )
+        self._every = None if stored_steps is None else whole("stored_steps", stored_steps)
+        self._controls = [control_of(value, stepper) for value in controls]
+        if not self._controls:
+            raise ValueError("expected at least one control, given none")
+        self._ends = np.cumsum([control.size for control in self._controls])
+        self._parameters = [c for c in self._controls if isinstance(c, ParameterControl)]
+        self._comm = stepper.u.function_space.mesh.comm
+        equations = equations_of(stepper)
+        self._steps = StepDerivative(equations, self._parameters)
+        values = [control.value for control in self._parameters]
+        self._objective = Objective(objective, (stepper.u, stepper.v), values)
+        self._check_occurrence(objective)
+        self._start = Snapshot()
+        stepper.serialize(self._start)
+        # Values of initial states; the stepper has those at the end of the run.
+        self._x = np.concatenate([control.get() for control in self._controls])
+        # Springs of the first run, by pair.
+        self._contacts: Sequence[PairState] = equations.contacts
+        self._springs: dict[PairState, tuple[Any, ...]] = {}
+        # The last run: its controls, objective and states.
+        self._of: Floats | None = None
+        self._value, self._stored = 0.0, self._new_store()
+
+    @property
+    def controls(self) -> Floats:
+        """Values of all controls in their order, the same on all ranks, shape ``(m,)``."""
+        parts = [
+            part if isinstance(control, InitialControl) else control.get()
+            for control, part in zip(self._controls, self._split(self._x), strict=True)
+        ]
+        values: Floats = np.concatenate(parts)
+        return values
+
+    def value(self, controls: Floats | None = None) -> float:
+        """Objective of the run.
+
+        Args:
+            controls: Values of the controls, shape ``(m,)``; None for the current ones.
+        """
+        self._run(controls)
+        return self._value
+
+    def gradient(self, controls: Floats | None = None) -> Floats:
+        """Gradient of the objective, by one transposed linear system a step.
+
+        Args:
+            controls: Values of the controls, shape ``(m,)``; None for the current ones.
+
+        Returns:
+            Derivatives in the order of the controls, the same on all ranks, shape ``(m,)``.
+        """
+        self._run(controls)
+        with self._kept():
+            if not self._stored.has_differences:
+                return self._adjoint()
+            m = int(self._ends[-1])
+            if m > _MOST_DIRECTIONS:
+                raise ValueError(
+                    f"expected at most {_MOST_DIRECTIONS} controls for a gradient through "
+                    f"{self._without_adjoint()}, given {m}: contact with method "
+                    "'node-to-segment' and without friction has an adjoint, whose cost does not "
+                    "depend on their number; derivative() is for one direction"
+                )
+            return np.array([self._tangent(row) for row in np.eye(m)])
+
+    def derivative(self, direction: Floats, controls: Floats | None = None) -> float:
+        """Derivative of the objective along a change of the controls, by tangent-linear steps.
+
+        Args:
+            direction: The change, shape ``(m,)``.
+            controls: Values of the controls, shape ``(m,)``; None for the current ones.
+        """
+        self._run(controls)
+        with self._kept():
+            return self._tangent(self._checked(direction, "a direction"))
+
+    def _check_occurrence(self, objective: Any) -> None:
+        """Raise if a control occurs nowhere; functions of the time may return any form."""
+        of_objective: tuple[Any, ...] = ()
+        if isinstance(objective, ufl.Form):
+            of_objective = (*objective.constants(), *objective.coefficients())
+        for control, (forms, _) in zip(self._parameters, self._steps.of_controls, strict=True):
+            is_known = forms.exists or control.value in of_objective
+            if not (is_known or (callable(objective) and not of_objective)):
+                raise ValueError(
+                    "expected controls in an energy, a load or the objective, given "
+                    f"{control.value!r}, which occurs in none"
+                )
+
+    def _split(self, values: Floats) -> list[Floats]:
+        return np.split(values, self._ends[:-1])
+
+    def _checked(self, values: Any, name: str) -> Floats:
+        array: Floats = np.asarray(values, dtype=float).ravel()
+        if array.shape != (self._ends[-1],):
+            raise ValueError(
+                f"expected {name} of shape ({self._ends[-1]},), as that of controls, given shape "
+                f"{np.shape(values)}"
+            )
+        return array
+
+    def _new_store(self) -> StoredRun:
+        return StoredRun(self.stepper, self._steps.carried, self._every, self._steps.released)
+
+    def _without_adjoint(self) -> str:
+        """Name of contact without an adjoint."""
+        pairs = [pair for pair in self.stepper.pairs if not has_adjoint(pair)]
+        return pairs[0].describe() if pairs else "springs that lost their segments"
+
+    def _run(self, controls: Floats | None) -> None:
+        """Run with given controls, unless the last run had them."""
+        x = self.controls if controls is None else self._checked(controls, "controls")
+        if self._of is not None and np.array_equal(x, self._of):
+            return
+        self._x, self._of = x.copy(), None
+        self.stepper.serialize(self._start.rewind())
+        for contact, springs in self._springs.items():
+            keep_springs(contact, springs)
+        for control, part in zip(self._controls, self._split(x), strict=True):
+            control.set(part)
+        self._value, self._stored = 0.0, self._new_store()
+        for step in self._stored.forward(self._until):
+            is_end = self._until - step.t <= ROUND_OFF * step.dt
+            term = self._objective.term(step.t, is_end=is_end)
+            self._value += 0.0 if term is None else term.value()
+        self._springs = self._springs or {each: springs_of(each) for each in self._contacts}
+        self._of = self._x
+
+    @contextmanager
+    def _kept(self) -> Iterator[None]:
+        """Context that restores the state of the stepper at the end of the run."""
+        end = Snapshot()
+        self.stepper.serialize(end)
+        try:
+            with self._steps.whole():
+                yield
+        finally:
+            self.stepper.serialize(end.rewind())
+
+    def _slopes(self, step: StepRecord, *, is_end: bool) -> tuple[Term | None, list[Floats]]:
+        """Term of the objective at the end of a step, whose state is set, and its slopes."""
+        slopes = self._objective.zeros()
+        term = self._objective.term(step.t, is_end=is_end)
+        if term is not None:
+            self._steps.take_end(step)
+            term.add_slopes(slopes)
+        return term, slopes
+
+    def _adjoint(self) -> Floats:
+        """Gradient by a sweep backwards."""
+        gradients = [np.zeros(control.size) for control in self._parameters]
+        costate = self._steps.zeros()
+        for step, is_end in self._stored.steps(backwards=True):
+            term, slopes = self._slopes(step, is_end=is_end)
+            if term is not None:
+                for gradient, form in zip(gradients, term.of_parameters, strict=True):
+                    gradient += form.gradient() if form.exists else 0.0
+            costate = self._steps.adjoint(step, _with(costate, slopes), gradients)
+        known = iter(gradients)
+        return np.concatenate(
+            [
+                control.gathered(costate.rates[0] if control.is_velocity else costate.u)
+                if isinstance(control, InitialControl)
+                else next(known)
+                for control in self._controls
+            ]
+        )
+
+    def _tangent(self, direction: Floats) -> float:
+        """Derivative by a sweep forwards."""
+        parts = self._split(direction)
+        both = list(zip(self._controls, parts, strict=True))
+        changes = [part for control, part in both if isinstance(control, ParameterControl)]
+        change = self._steps.zeros()
+        for control, part in both:
+            if isinstance(control, InitialControl):
+                values = change.rates[0] if control.is_velocity else change.u
+                values.ravel()[:] = control.owned(part)
+        total = 0.0
+        for step, is_end in self._stored.steps(backwards=False):
+            change = self._steps.tangent(step, change, changes)
+            term, slopes = self._slopes(step, is_end=is_end)
+            if term is not None:
+                for form, part in zip(term.of_parameters, changes, strict=True):
+                    total += float(form.gradient() @ part) if form.exists else 0.0
+                known = zip(slopes, [change.u, *change.rates], strict=False)
+                total += reductions.total(self._comm, sum(float(np.vdot(*both)) for both in known))
+        return total
+
+
+def _with(costate: MotionState, slopes: Sequence[Floats]) -> MotionState:
+    """Costate plus the slopes of a term with respect to displacement and velocity. Local."""
+    rates = [old + (slopes[1] if number == 0 else 0.0) for number, old in enumerate(costate.rates)]
+    return costate._replace(u=costate.u + slopes[0], rates=rates)

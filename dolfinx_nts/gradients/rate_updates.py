@@ -1,0 +1,45 @@
+"""Velocity and acceleration at the end of a step as linear functions of the states of the step."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.integrators.rates import MidpointRates, NoRates, Rates
+
+__all__ = ["RateUpdate", "rate_update"]
+
+
+class RateUpdate(NamedTuple):
+    """Rates that a scheme carries from step to step, and their update.
+
+    Attributes:
+        carried: Functions of the rates at the start of a step, ``r`` in number.
+        of_end: Derivatives of the new rates with respect to the displacement at the end, ``(r,)``.
+        of_start: The same at the start, shape ``(r,)``.
+        of_rates: Derivatives with respect to the old rates, shape ``(r, r)``.
+    """
+
+    carried: Sequence[fem.Function]
+    of_end: Floats
+    of_start: Floats
+    of_rates: Floats
+
+
+def rate_update(rates: Rates) -> RateUpdate:
+    """Update of the rates for the current length of the step. Local.
+
+    Raises:
+        TypeError: The rates are of a kind that is not supported.
+    """
+    if isinstance(rates, MidpointRates):
+        speed = np.array([2 / float(rates.dt.value)])
+        return RateUpdate([rates.v], speed, -speed, np.array([[-1.0]]))
+    if isinstance(rates, NoRates):
+        return RateUpdate([], np.zeros(0), np.zeros(0), np.zeros((0, 0)))
+    raise TypeError(
+        "expected a stepper whose derivatives are known, EnergyMomentum, Midpoint or QuasiStatic, "
+        f"given one with {type(rates).__name__}"
+    )

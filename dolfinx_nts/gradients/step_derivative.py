@@ -1,0 +1,283 @@
+"""Derivative of one solved step: tangent-linear and adjoint."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.gradients.bulk_derivatives import BulkDerivatives
+from dolfinx_nts.gradients.contact_derivative import (
+    WIDTH,
+    ContactDerivative,
+    ContactMotion,
+    Histories,
+)
+from dolfinx_nts.gradients.contact_difference import ContactDifference, ContactResult
+from dolfinx_nts.gradients.controls import FormDerivative, ParameterControl
+from dolfinx_nts.gradients.rate_updates import RateUpdate, rate_update
+from dolfinx_nts.integrators.implicit.implicit_stepper import StepEquations
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.linear.tangent_solver import TangentSolver
+
+__all__ = ["MotionState", "StepDerivative", "StepRecord"]
+
+# Largest displacement in a difference, relative to the longest segment [-]. Larger: curvature of
+# gaps; smaller: round-off of positions.
+_STEP = 1e-5
+
+
+class MotionState(NamedTuple):
+    """Displacement and carried rates in a state, or their changes or costates.
+
+    Attributes:
+        u: Displacement.
+        rates: Carried rates, see `RateUpdate`.
+        histories: Contact histories, for changes and costates only.
+    """
+
+    u: Floats
+    rates: list[Floats]
+    histories: Histories
+
+
+class StepRecord(NamedTuple):
+    """A solved step.
+
+    Attributes:
+        t_n: Time at its start [s].
+        dt: Its length [s].
+        t: Time at its end [s].
+        start, end: States at its ends, values of the local dofs, each ``(d l,)``.
+        contacts: Derivatives of its contact.
+        differences: Contact whose derivatives are known along one direction only.
+    """
+
+    t_n: float
+    dt: float
+    t: float
+    start: MotionState
+    end: MotionState
+    contacts: Sequence[ContactDerivative]
+    differences: Sequence[ContactDifference]
+
+
+class StepDerivative:
+    """Tangent-linear and adjoint of solved steps. Collective, as are its methods.
+
+    Args:
+        equations: Equations of the steps.
+        controls: Parameters of the forms.
+
+    Attributes:
+        carried: Functions of the carried rates.
+        released: Springs that return energy to the bodies; None without inertia.
+        of_controls: Derivatives of the residual with respect to the parameters.
+    """
+
+    def __init__(self, equations: StepEquations, controls: Sequence[ParameterControl]) -> None:
+        self._equations, self._bulk = equations, equations.bulk
+        self._rates = rates = equations.rates
+        self.released = equations.released
+        self.carried: Sequence[fem.Function] = rate_update(rates).carried
+        self._derivatives = derivatives = BulkDerivatives(equations.bulk, rates, self.carried)
+        self._solver = TangentSolver(equations.tangent, equations.bulk.comm)
+        self.of_controls: list[tuple[FormDerivative, FormDerivative]] = []
+        mesh = rates.u.function_space.mesh
+        for control in controls:
+            value = control.value
+            names = [value, *([equations.copies[value]] if value in equations.copies else [])]
+            self.of_controls.append(
+                (
+                    FormDerivative(mesh, derivatives.forms, value, names),
+                    FormDerivative(mesh, derivatives.adjoint_forms, value, names),
+                )
+            )
+        V = rates.u.function_space
+        self._shape = V.dofmap.index_map.size_local, dimension(V)
+
+    @contextmanager
+    def whole(self) -> Iterator[None]:
+        """Context in which all bodies take part, with nothing but their own forces. Local."""
+        bulk, none = self._bulk, np.empty(0, dtype=np.int32)
+        left_out, stabilisation = bulk.leave_out(none, none), bulk.stabilisation
+        bulk.stabilisation = None
+        try:
+            yield
+        finally:
+            bulk.stabilisation = stabilisation
+            bulk.leave_out(*left_out)
+
+    def take(self, step: StepRecord) -> RateUpdate:
+        """Set all functions and data to a solved step; return its update of rates."""
+        rates = self._rates
+        rates.u_n.x.array[:], rates.u.x.array[:] = step.start.u, step.end.u
+        for function, values in zip(self.carried, step.start.rates, strict=True):
+            function.x.array[:] = values
+        # In this order, since loads may depend on the displacement.
+        self._equations.set_data(step.t_n, step.dt)
+        return rate_update(rates)
+
+    def take_end(self, step: StepRecord) -> None:
+        """Set displacement and rates to the end of a step."""
+        self._rates.u.x.array[:] = step.end.u
+        for function, values in zip(self.carried, step.end.rates, strict=True):
+            function.x.array[:] = values
+
+    def zeros(self) -> MotionState:
+        """State of zeros, nodal arrays ``(n, d)``. Local."""
+        rates = [np.zeros(self._shape) for _ in self.carried]
+        histories: Histories = {}
+        for each in self._equations.contacts:
+            histories[each] = np.zeros((len(each.nodes.nodes), WIDTH))
+        return MotionState(np.zeros(self._shape), rates, histories)
+
+    def tangent(
+        self, step: StepRecord, start: MotionState, changes: Sequence[Floats]
+    ) -> MotionState:
+        """Change of the state at the end.
+
+        Args:
+            step: The step.
+            start: Change of the state at its start, nodal arrays ``(n, d)``.
+            changes: Changes of the parameters, see `ParameterControl`.
+
+        Returns:
+            The change of the state at its end.
+        """
+        update = self.take(step)
+        force = self._derivatives.along_start([start.u, *start.rates])
+        for (forms, _), change in zip(self.of_controls, changes, strict=True):
+            force += np.reshape(forms.along(change), force.shape) if forms.exists else 0.0
+        histories = dict(start.histories)
+        motion = ContactMotion(start.u, self._trial(start), np.zeros(self._shape))
+        for contact in step.contacts:
+            force += contact.force_by(motion, histories)
+        if step.differences:
+            h, *ends = self._differences(step, motion, histories)
+            force += sum(a.force - b.force for a, b in zip(*ends, strict=True)) / (2 * h)
+        u = self._solver.solve(partial(self._product, step), -self._derivatives.free(force))
+        for contact in step.contacts:
+            contact.follow(motion._replace(end=u), histories)
+        rows = zip(update.of_end, update.of_start, [*update.of_rates], strict=True)
+        rates = [
+            end * u + begin * start.u + _combined(row, start.rates) for end, begin, row in rows
+        ]
+        if step.differences:
+            motion = motion._replace(end=u)
+            h, *ends = self._differences(step, motion, histories)
+            for contact, a, b in zip(step.differences, *ends, strict=True):
+                contact.follow((a.history - b.history) / (2 * h), histories)
+            if rates:
+                rates[0] = rates[0] + self._impulses(step, u, rates[0], h, ends)
+        return MotionState(u, rates, histories)
+
+    def _differences(
+        self, step: StepRecord, motion: ContactMotion, histories: Histories
+    ) -> tuple[float, list[ContactResult], list[ContactResult]]:
+        """Factor of the changes, and contact ahead and behind along them."""
+        parts = [*motion, *(values[:, :3] for values in histories.values())]
+        own = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+        largest = reductions.largest(self._bulk.comm, own)
+        size = min(contact.size for contact in step.differences)
+        h = _STEP * size / largest if largest > 0 else 1.0
+        ends = ([c.at(motion, s * h, histories) for c in step.differences] for s in (1, -1))
+        ahead, behind = ends
+        return h, ahead, behind
+
+    def _impulses(
+        self,
+        step: StepRecord,
+        u: Floats,
+        v: Floats,
+        h: float,
+        ends: Sequence[Sequence[ContactResult]],
+    ) -> Floats:
+        """Change of the impulses of springs that return energy, for changes u and v."""
+        released = self.released
+        if released is None or not any(each.energy for end in ends for each in end):
+            return np.zeros(self._shape)
+        n, d = self._shape
+        given, impulses = _impulse_speed(step, rate_update(self._rates), n * d), []
+        for sign, end in zip((1, -1), ends, strict=True):
+            there = step.end.u[: n * d].reshape(n, d) + sign * h * u
+            force = np.sum([each.released for each in end], axis=0)
+            energy = sum(each.energy for each in end)
+            speed = given + sign * h * v.ravel()
+            change = released.impulse(there, speed, force, energy) if energy else None
+            impulses.append(np.zeros(n * d) if change is None else change)
+        difference: Floats = np.subtract(*impulses) / (2 * h)
+        return difference.reshape(n, d)
+
+    def adjoint(
+        self, step: StepRecord, end: MotionState, gradients: Sequence[Floats]
+    ) -> MotionState:
+        """Costate at the start of a step.
+
+        Args:
+            step: The step.
+            end: Costate at its end: derivatives of the objective, nodal arrays ``(n, d)``.
+            gradients: Gradients with respect to the parameters, changed in place.
+
+        Returns:
+            The costate at its start.
+        """
+        update, derivatives = self.take(step), self._derivatives
+        slope = end.u + _combined(update.of_end, end.rates)
+        histories = dict(end.histories)
+        for contact in step.contacts:
+            slope = slope + contact.slope(self._shape, histories)
+        act = partial(self._product, step, transposed=True)
+        costate = self._solver.solve(act, derivatives.free(slope))
+        of_start, *of_rates = derivatives.transposed_start(costate)
+        for (_, forms), gradient in zip(self.of_controls, gradients, strict=True):
+            if forms.exists:
+                gradient -= forms.gradient()
+        u = _combined(update.of_start, end.rates) - of_start
+        columns: list[Floats] = [*update.of_rates.T]
+        rates = [
+            _combined(column, end.rates) - own
+            for column, own in zip(columns, of_rates, strict=True)
+        ]
+        dt = float(self._rates.dt.value)
+        for contact in step.contacts:
+            motion = contact.back(costate, histories)
+            trial = derivatives.free(motion.trial)
+            u = u + motion.start + trial
+            rates = [rates[0] + dt * trial, *rates[1:]]
+        return MotionState(u, rates, histories)
+
+    def _trial(self, start: MotionState) -> Floats:
+        """Change of the trial motion of the search, without contact."""
+        dt = float(self._rates.dt.value)
+        moved: Floats = start.u + dt * start.rates[0] if start.rates else start.u
+        return self._derivatives.free(moved)
+
+    def _product(self, step: StepRecord, x: Floats, *, transposed: bool = False) -> Floats:
+        """Tangent times a vector, with unit rows and columns at prescribed displacements."""
+        free = self._derivatives.free(x)
+        product = self._derivatives.transposed(free) if transposed else self._bulk.action(free)
+        for contact in step.contacts:
+            product += contact.end_product(free, transposed=transposed)
+        for each in step.differences:
+            product += each.end_product(free)
+        given = self._bulk.given.reshape(product.shape)
+        product[given] = x[given]
+        return product
+
+
+def _combined(weights: Sequence[Any] | Floats, values: Sequence[Floats]) -> Floats | float:
+    """Linear combination of nodal arrays. Local."""
+    return sum((w * v for w, v in zip(weights, values, strict=True)), 0.0)
+
+
+def _impulse_speed(step: StepRecord, update: RateUpdate, size: int) -> Floats:
+    """Velocity at the end of a step before impulses of springs, at the owned dofs. Local."""
+    parts = zip(update.of_rates[0], step.start.rates, strict=True)
+    speed = update.of_end[0] * step.end.u + update.of_start[0] * step.start.u
+    velocity: Floats = speed + sum(w * rate for w, rate in parts)
+    return velocity[:size]

@@ -1,0 +1,85 @@
+"""Linear systems with the tangent of a solved step, or with its transpose, to round-off."""
+
+from collections.abc import Callable
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.linear.petsc_options import PetscOptions
+from dolfinx_nts.solvers.newton_report import ConvergenceError
+from dolfinx_nts.solvers.precond.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.precond.tangent import Tangent
+
+__all__ = ["TangentSolver"]
+
+# Reduction of the residual [-]: a derivative is as accurate as these solutions.
+_REDUCTION = 1e-13
+# Number of iterations after which factors are computed again, and largest number.
+_SLOW, _MOST = 30, 400
+
+
+class TangentSolver:
+    """Flexible GMRES with complete factors of a nearby symmetric matrix.
+
+    The factors serve the tangent and its transpose, and many steps. Collective, as is `solve`.
+
+    Args:
+        tangent: The nearby matrix; it is assembled for the current state when factors are needed.
+        comm: Communicator of the mesh.
+    """
+
+    def __init__(self, tangent: Tangent, comm: MPI.Comm) -> None:
+        self._factors = BulkPreconditioner(tangent, PetscOptions(comm, None))
+        self._factors.strengthen(fully=True)
+        self._comm, self._is_old = comm, True
+
+    def forget(self) -> None:
+        """Compute new factors for the next system. Local."""
+        self._is_old = True
+
+    def solve(self, act: Callable[[Floats], Floats], b: Floats) -> Floats:
+        """Solve a system.
+
+        Args:
+            act: Returns the product of the matrix with a nodal vector, a new array.
+            b: Right-hand side at the owned nodes, shape ``(n, d)``.
+
+        Returns:
+            The solution, the same shape.
+
+        Raises:
+            ConvergenceError: The iteration does not converge with new factors.
+        """
+        if not reductions.anywhere(self._comm, bool(b.any())):
+            return np.zeros_like(b)
+        for _ in range(2):
+            is_new = self._is_old
+            if is_new:
+                self._factors.build()
+            x, iterations = self._iterate(act, b)
+            self._is_old = iterations > _SLOW or x is None
+            if x is not None:
+                return x
+            if is_new:
+                break
+        raise ConvergenceError(
+            f"expected the linear system of a derivative to converge in {_MOST} iterations: the "
+            "tangent is nearly singular, as at a limit point of the load",
+            [],
+        )
+
+    def _iterate(self, act: Callable[[Floats], Floats], b: Floats) -> tuple[Floats | None, int]:
+        sums = None if self._comm.size == 1 else lambda v: reductions.total(self._comm, v)
+        gmres = _kernels.FlexibleGmres(b, sums)
+        target, iterations = _REDUCTION * gmres.residual, 0
+        while gmres.residual > target:
+            if iterations == _MOST:
+                return None, iterations
+            z = self._factors.solve(gmres.vector)
+            gmres.add(z, act(z))
+            iterations += 1
+        return gmres.solution(), iterations

@@ -1,0 +1,208 @@
+"""Gradients of runs: Taylor remainders, differences of runs, adjoint and tangent-linear steps."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers.models import box_meshes
+from helpers.once import once
+
+pytestmark = pytest.mark.at_most_two_ranks
+
+# Round-off of an adjoint against tangent-linear steps, and error of differences of runs [-].
+ADJOINT, DIFFERENCES, ORDER = 1e-10, 1e-6, 1.95
+NODES, MORTAR = {"method": "node-to-segment"}, {"method": "mortar"}
+
+
+def boxes(comm, shapes, sizes, cell="hexahedron", degree=1):
+    """Mesh of boxes, the second one tilted above the first, its space, and its parameters."""
+    data = box_meshes.boxes(shapes, sizes, cell)
+    if len(shapes) > 1:
+        top = np.unique(data.cells[data.body == 1])
+        X = data.X[top] - data.X[top].mean(axis=0)
+        (c, s), (d, t) = ((np.cos(a), np.sin(a)) for a in (0.1, 0.07))
+        X = X @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
+        X = X @ np.array([[1, 0, 0], [0, d, -t], [0, t, d]]).T
+        data.X[top] = X + np.array([0.57, 0.61, 0.73])
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+    mu, kappa = fem.Constant(mesh, 500.0), fem.Constant(mesh, 800.0)
+
+    def psi(C):
+        J2 = ufl.det(C)
+        return mu / 2 * (ufl.tr(C) - 3 - ufl.ln(J2)) + kappa / 8 * ufl.ln(J2) ** 2
+
+    material = nts.Hyperelastic(psi, rho=10.0, one_point=())
+    names = [name for name in tag if name.startswith("body")]
+    return V, facets, tag, [nts.Body(V, cells, tag[n], material) for n in names], (mu, kappa)
+
+
+def impact(comm, scheme=nts.EnergyMomentum, *, steps=8, clamped=True, degree=1, **contact):
+    """Gradient of a box that falls on a clamped one, with respect to the material."""
+    shapes, sizes = [(3, 3, 1), (2, 2, 2)], [(1.2, 1.2, 0.4), (0.6, 0.6, 0.5)]
+    V, facets, tag, bodies, controls = boxes(comm, shapes, sizes, degree=degree)
+    obstacle = contact.pop("obstacle", None)
+    below = obstacle or nts.Surface(V, facets, tag["top 0"])
+    pair = nts.ContactPair(nts.Surface(V, facets, tag["bottom 1"]), below, **contact)
+    floor = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
+    bcs = [fem.dirichletbc(np.zeros(3), floor, V)] if clamped else []
+    stepper = scheme(bodies, [pair], dt=0.01, bcs=bcs)
+    stepper.set_velocity(
+        bodies[1], lambda X: np.array([0.3 + 0 * X[0], 0.1 * X[0], 0.2 * X[0] - 2.0])
+    )
+    w = fem.Function(V)
+    w.interpolate(lambda X: X)
+    u, v = stepper.u, stepper.v
+    J = ufl.inner(u - w, u) * ufl.dx + 0.01 * ufl.inner(v, v) * ufl.dx + ufl.inner(v, w) * ufl.dx
+    return stepper, list(controls), J, 0.01 * steps
+
+
+def check(gradient, direction, *, exact=ADJOINT):
+    """Compare with tangent-linear steps, with differences of runs, and by Taylor remainders."""
+    x = gradient.controls
+    value, slope = gradient.value(x), gradient.derivative(direction, x)
+    assert np.isclose(gradient.gradient(x) @ direction, slope, rtol=exact, atol=0)
+    ends = [gradient.value(x + h * direction) for h in (1e-4, -1e-4)]
+    assert np.isclose((ends[0] - ends[1]) / 2e-4, slope, rtol=DIFFERENCES, atol=0)
+    rest = [abs(gradient.value(x + h * direction) - value - h * slope) for h in (4e-3, 2e-3, 1e-3)]
+    assert np.log2(np.divide(rest[:-1], rest[1:])).min() > ORDER
+
+
+def tension(comm, scheme):
+    """Gradient of a clamped box under gravity with respect to all kinds of controls."""
+    V, _, _, (body,), (mu, kappa) = boxes(comm, [(2, 2, 2)], [(1.0, 0.8, 0.6)])
+    gravity = fem.Constant(V.mesh, (1.0, 2.0, -9.81))
+    weight = nts.FormLoad(V, lambda u, eta, t: ufl.inner(gravity, eta) * ufl.dx)
+    floor = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
+    bcs = [fem.dirichletbc(np.zeros(3), floor, V)]
+    stepper = scheme([body], dt=0.01, bcs=bcs, loads=[weight])
+    u, v = stepper.u, stepper.v
+    J = ufl.inner(u, u) * ufl.dx + 0.01 * ufl.inner(v, v) * ufl.dx + 1e-6 * mu**2 * ufl.dx
+    controls = [mu, kappa, gravity]
+    if scheme is not nts.QuasiStatic:
+        stepper.set_velocity(body, lambda X: 0.5 * X[2] * np.array([X[1], X[0] * X[2], 1 + X[0]]))
+        controls += [u, v]
+    return stepper, controls, J
+
+
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.Midpoint), once(nts.QuasiStatic)])
+def test_derivatives_without_contact(comm, rng, scheme):
+    stepper, controls, J = tension(comm, scheme)
+    gradient = nts.Gradient(stepper, controls, J, until=0.04)
+    x = gradient.controls
+    check(gradient, rng.standard_normal(x.size) * np.where(np.abs(x) > 1, np.abs(x), 0.1))
+
+
+@pytest.mark.parametrize(
+    ("scheme", "contact"),
+    [
+        (nts.EnergyMomentum, {"enforcement": nts.Penalty(2e3), **NODES}),
+        (nts.EnergyMomentum, {**NODES}),
+        (nts.EnergyMomentum, {**MORTAR}),
+        once(nts.EnergyMomentum, {"friction": nts.Coulomb(0.3), **NODES}),
+        once(nts.EnergyMomentum, {"friction": nts.Coulomb(0.3), **MORTAR}),
+        once(nts.Midpoint, {"enforcement": nts.Penalty(2e3), **NODES}),
+        once(nts.EnergyMomentum, {"degree": 2, "enforcement": nts.Penalty(2e3), **NODES}),
+        once(nts.EnergyMomentum, {"degree": 2, "steps": 6, **MORTAR}),
+        once(nts.EnergyMomentum, {"obstacle": nts.RigidPlane((0.0, 0.0, 0.4), (0.1, 0.05, 1.0))}),
+    ],
+)
+def test_derivatives_through_contact_with_respect_to_the_material(comm, scheme, contact):
+    stepper, controls, J, until = impact(comm, scheme, **contact)
+    gradient = nts.Gradient(stepper, controls, J, until=until)
+    # Without an adjoint the directions are differentiated one by one, to the error of differences.
+    has_adjoint = contact.get("method") != "mortar" and "friction" not in contact
+    check(gradient, np.array([200.0, -300.0]), exact=ADJOINT if has_adjoint else 1e-8)
+
+
+def test_derivatives_through_contact_with_respect_to_the_initial_state(comm, rng):
+    stepper, _, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+    gradient = nts.Gradient(stepper, [stepper.u, stepper.v], J, until=until)
+    direction = rng.standard_normal(gradient.controls.size)
+    direction[: len(direction) // 2] *= 0.01
+    check(gradient, 0.1 * direction)
+
+
+def test_energy_and_momentum_after_an_impact_do_not_depend_on_the_material(comm):
+    """The body has left the other one, so that springs have no energy."""
+    stepper, (mu, kappa), _, until = impact(
+        comm, steps=30, clamped=False, enforcement=nts.Penalty(2e3), **NODES
+    )
+    F = ufl.Identity(3) + ufl.grad(stepper.u)
+    J2 = ufl.det(F) ** 2
+    psi = mu / 2 * (ufl.tr(F.T * F) - 3 - ufl.ln(J2)) + kappa / 8 * ufl.ln(J2) ** 2
+    v, dx = stepper.v, ufl.Measure("dx", metadata={"quadrature_degree": 2})
+    stored, kinetic = psi * dx, 5.0 * ufl.inner(v, v) * dx
+    objectives = kinetic, stored + kinetic, 10.0 * v[2] * dx, 10.0 * v[0] * dx
+    gradients = [nts.Gradient(stepper, [mu], each, until=until) for each in objectives]
+    of_kinetic, *of_conserved = (gradient.gradient()[0] for gradient in gradients)
+    assert not comm.allreduce(stepper.contacts[0].history.active.sum())
+    assert abs(of_kinetic) > 0 and np.abs(of_conserved).max() < 1e-9 * abs(of_kinetic)
+
+
+def test_gradient_with_few_stored_steps_is_the_same(comm):
+    stepper, controls, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+    both = [nts.Gradient(stepper, controls, J, until=until, stored_steps=n) for n in (None, 3)]
+    every, few = (gradient.gradient() for gradient in both)
+    assert np.abs(every).min() > 0 and np.allclose(every, few, rtol=ADJOINT, atol=0)
+
+
+def test_sum_of_functionals_at_the_ends_of_steps(comm):
+    stepper, controls, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+    ends = [nts.Gradient(stepper, controls, J, until=t) for t in (0.04, until)]
+    both = nts.Gradient(
+        stepper, controls, lambda t: J if np.isclose(t, [0.04, until]).any() else None, until=until
+    )
+    each = [gradient.gradient() for gradient in ends]
+    assert np.allclose(both.gradient(), np.sum(each, axis=0), rtol=1e-9, atol=0)
+
+
+def test_gradient_in_the_middle_of_a_run(comm):
+    stepper, controls, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+    for _ in stepper.run(until=0.04):
+        pass
+    check(nts.Gradient(stepper, controls, J, until=until), np.array([200.0, -300.0]))
+
+
+@pytest.mark.several_ranks
+@pytest.mark.parametrize("method", [NODES, MORTAR], ids=["nodes", "mortar"])
+def test_gradient_does_not_depend_on_the_ranks(comm, agree, method):
+    several, alone = (
+        nts.Gradient(*impact(each, enforcement=nts.Penalty(2e3), **method)[:3], until=0.08)
+        for each in (comm, MPI.COMM_SELF)
+    )
+    assert agree(np.allclose(several.gradient(), alone.gradient(), rtol=1e-8, atol=0))
+
+
+def test_parts_without_derivatives_are_refused(comm, refused):
+    stepper, controls, J, until = impact(comm, **NODES)
+    with refused(TypeError, "expected as control a fem.Constant"):
+        nts.Gradient(stepper, [1.0], J, until=until)
+    with refused(ValueError, "at least one control"):
+        nts.Gradient(stepper, [], J, until=until)
+    unused = fem.Constant(stepper.u.function_space.mesh, 1.0)
+    with refused(ValueError, "occurs in none"):
+        nts.Gradient(stepper, [unused], J, until=until)
+    with refused(ValueError, "expected the end of the run after"):
+        nts.Gradient(stepper, controls, J, until=0.0)
+    with refused(TypeError, "expected as objective"):
+        nts.Gradient(stepper, controls, 1.0, until=until)
+    for scheme, problem in (nts.QuasiStatic, ValueError), (nts.GeneralizedAlpha, TypeError):
+        stepper, controls, J, until = impact(comm, scheme, enforcement=nts.Penalty(), **NODES)
+        with refused(problem, "expected a stepper"):
+            nts.Gradient(stepper, controls, J, until=until)
+    stepper, controls, J, until = impact(comm, enforcement=nts.LagrangeMultiplier(), **NODES)
+    with refused(ValueError, "expected contact by springs"):
+        nts.Gradient(stepper, controls, J, until=until)
+
+
+def test_many_controls_through_mortar_contact_are_refused(comm, refused):
+    stepper, _, J, until = impact(comm, steps=3, **MORTAR)
+    gradient = nts.Gradient(stepper, [stepper.v], J, until=until)
+    with refused(ValueError, "at most 50 controls"):
+        gradient.gradient()
+    assert np.isfinite(gradient.derivative(np.ones(gradient.controls.size)))
