@@ -51,8 +51,8 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
     are copied; the stepper keeps its step ``dt``. A pair with the same two sides and method as a
     pair in the checkpoint gets its contact state, also with another kind of impact or coefficient
     of friction; springs must have the same stiffness. Defaults differ: multipliers in statics,
-    springs in dynamics. Data that are not used are returned and logged. `Recorder` writes checkpoints with ``checkpoint_every``; to continue the same scene
-    exactly, use its ``resume``.
+    springs in dynamics. Data that are not used are returned and logged. `Recorder` writes
+    checkpoints with ``checkpoint_every``; to continue the same scene exactly, use its ``resume``.
 
     Args:
         path: The checkpoint.
