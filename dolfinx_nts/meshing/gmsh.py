@@ -160,12 +160,14 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     mesh.topology.create_connectivity(dim - 1, dim)
     mesh.topology.create_connectivity(dim, dim - 1)
     owned = facets.values[facets.indices < mesh.topology.index_map(dim - 1).size_local]
-    names = {tag: repr(name) for name, tag in bodies.tags.items()}
+    names = {tag: name for name, tag in bodies.tags.items()}
     for tag, expected in bodies.num_facets.items():
         given = reductions.total(comm, np.count_nonzero(owned == tag))
         if given != expected:
+            number = f"{ENTITIES[dim - 1]} {tag}"
+            name = names.get(tag, number)
             raise ValueError(
-                f"physical {ENTITIES[dim - 1]} {names.get(tag, tag)}: expected {expected} facets "
+                f"physical {number if name == number else repr(name)}: expected {expected} facets "
                 f"of cells, given {given}: the others are on no cell of a physical "
                 f"{ENTITIES[dim]}; make that one physical, or leave them out of the group"
             )
