@@ -17,13 +17,13 @@ from dolfinx_nts.solvers.precond.tangent import Tangent
 __all__ = ["TangentSolver"]
 
 # Reduction of the residual [-]: a derivative is as accurate as these solutions.
-_REDUCTION = 1e-13
+_REDUCTION = 1e-12
 # Number of iterations after which factors are computed again, and largest number.
 _SLOW, _MOST = 30, 400
 
 
 class TangentSolver:
-    """Flexible GMRES with complete factors of a nearby symmetric matrix.
+    """Flexible GMRES with factors of a nearby symmetric matrix.
 
     The factors serve the tangent and its transpose, and many steps. Collective, as is `solve`.
 
@@ -34,7 +34,9 @@ class TangentSolver:
 
     def __init__(self, tangent: Tangent, comm: MPI.Comm) -> None:
         self._factors = BulkPreconditioner(tangent, PetscOptions(comm, None))
-        self._factors.strengthen(fully=True)
+        # Complete factors, in single precision on one rank, or multigrid for many unknowns.
+        for _ in range(2):
+            self._factors.strengthen()
         self._comm, self._is_old = comm, True
 
     def forget(self) -> None:
