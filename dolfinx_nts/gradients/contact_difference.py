@@ -25,9 +25,12 @@ from dolfinx_nts.gradients.contact_derivative import (
     store,
 )
 from dolfinx_nts.integrators.implicit.released_springs import ReleasedSprings
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["ContactDifference", "ContactResult"]
 
+# Difference of forces relative to the largest one [-] above which they are of different points.
+_SAME = 1e-6
 # Values of the history of a node on which the next step depends, and their positions in arrays.
 _SCALARS = ("offset", "gap", "soft_depth", "part", "slip", "energy")
 _VECTORS = ("traction", "normal")
@@ -113,6 +116,26 @@ class ContactDifference:
             for member, before in zip(self._members, accepted, strict=True):
                 member.accept(before)
         return ContactResult(force, history, released, energy)
+
+    def check(self, ahead: Floats, behind: Floats) -> None:
+        """Check that the mean of forces ahead and behind, each ``(n, d)`` [N], is that of the step.
+
+        Raises:
+            ValueError: It is not: the step has chosen its contact points again on the way.
+        """
+        n, d = ahead.shape
+        force = contact_residual([self._step], [self._last], (n, d)).reshape(n, d)
+        error = float(np.abs((ahead + behind) / 2 - force).max(initial=0.0))
+        sizes = [float(np.abs(each).max(initial=0.0)) for each in (force, ahead - behind)]
+        comm = self._scatter.index_map.comm
+        error, size, change = reductions.largest(comm, np.array([error, *sizes]))
+        # Springs that are about to be loaded change their force by all of it.
+        if error > _SAME * size + change:
+            raise ValueError(
+                "expected steps whose contact points are chosen once for a derivative, given one "
+                f"of {self._step.state.pair.between} in which points slid off their segments or "
+                "vertices touched: shorter steps help"
+            )
 
     def follow(self, change: Floats, histories: Histories) -> None:
         """Replace the changes of the histories at the start by those at the end. Local."""

@@ -159,7 +159,9 @@ class StepDerivative:
             force += contact.force_by(motion, histories)
         if step.differences:
             h, *ends = self._differences(step, motion, histories)
-            force += sum(a.force - b.force for a, b in zip(*ends, strict=True)) / (2 * h)
+            for each, a, b in zip(step.differences, *ends, strict=True):
+                each.check(a.force, b.force)
+                force += (a.force - b.force) / (2 * h)
         u = self._solver.solve(partial(self._product, step), -self._derivatives.free(force))
         for contact in step.contacts:
             contact.follow(motion._replace(end=u), histories)
@@ -170,8 +172,8 @@ class StepDerivative:
         if step.differences:
             motion = motion._replace(end=u)
             h, *ends = self._differences(step, motion, histories)
-            for contact, a, b in zip(step.differences, *ends, strict=True):
-                contact.follow((a.history - b.history) / (2 * h), histories)
+            for each, a, b in zip(step.differences, *ends, strict=True):
+                each.follow((a.history - b.history) / (2 * h), histories)
             if rates:
                 rates[0] = rates[0] + self._impulses(step, u, rates[0], h, ends)
         return MotionState(u, rates, histories)

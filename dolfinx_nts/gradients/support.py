@@ -6,8 +6,10 @@ from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.joint_state import members
 from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.vertices import VertexState
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.parallel import reductions
@@ -78,13 +80,15 @@ def has_adjoint(pair: ContactPair) -> bool:
 def has_exact_derivative(step: ContactStep, last: ContactContribution) -> bool:
     """Whether a step of contact has derivatives in closed form. Collective.
 
-    Springs that return energy as an impulse have none.
+    Springs that return energy as an impulse, and those of vertices, have none.
 
     Args:
         step: The accepted attempt, before its pairs accept their histories.
         last: Its last evaluation.
     """
     if not has_adjoint(step.state.pair):
+        return False
+    if step.num_active and isinstance(members(step.state)[0], VertexState):
         return False
     normal, node = step.normal, last.pairs.node
     returns = [normal.surplus_energy(last.pairs), normal.released_energy(node)]
