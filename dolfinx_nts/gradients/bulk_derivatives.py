@@ -85,4 +85,4 @@ class BulkDerivatives:
 
     def free(self, values: Floats) -> Floats:
         """Copy with zeros at prescribed displacements. Local."""
-        return np.where(self._bulk.given.reshape(values.shape), 0.0, values)
+        return np.where(self._bulk.is_prescribed.reshape(values.shape), 0.0, values)

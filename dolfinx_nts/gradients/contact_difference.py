@@ -14,7 +14,7 @@ from dolfinx import la
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, go_on_from
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, start_from
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.joint_state import members
 from dolfinx_nts.fem.components import in_space, of_space
@@ -103,7 +103,7 @@ class ContactDifference:
         state.accept(_changed(self._history, change))
         try:
             step = self._step.repeat(x_n=x_n, x_trial=x_trial)
-            go_on_from([step], [self._step])
+            start_from([step], [self._step])
             last = step.evaluate(x[:n], None, 1)
             force = contact_residual([step], [last], (n, d)).reshape(n, d)
             released: Floats = np.zeros((n, 3))

@@ -267,7 +267,7 @@ class StepDerivative:
             product += contact.end_product(free, transposed=transposed)
         for each in step.differences:
             product += each.end_product(free)
-        given = self._bulk.given.reshape(product.shape)
+        given = self._bulk.is_prescribed.reshape(product.shape)
         product[given] = x[given]
         return product
 

@@ -117,7 +117,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
             contact = stepper.contacts[i]
             contact.accept(without_friction(contact.history))
             dropped.append(f"friction of {name}, which begins without history")
-    used = {pair.number for pair in (*kept.values(), *others.values())}
+    used = {k.number for k in kept.values()} | {other.number for other in others.values()}
     unused = [n for n in _pairs(scene) if n not in used]
     dropped += [f"contact of pair {n} of the checkpoint, which this scene lacks" for n in unused]
     if comm.rank == 0:
@@ -152,7 +152,7 @@ def _pairs_with_state(
 
     Both by their number from 0.
     """
-    kept, others = {}, {}
+    kept, others = dict[int, _Kept](), dict[int, _Other]()
     numbers = {saved[f"pair {n}"]: n for n in _pairs(saved)}
     for i in _pairs(now):
         number = numbers.get(now[f"pair {i}"])
