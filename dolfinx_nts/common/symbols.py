@@ -10,7 +10,8 @@ class Symbol:
     """Mixin of UFL constants that records their conversion to a Python number.
 
     ``math.sin`` of a constant would give the sine of its present value once and for all. UFL would
-    search endlessly for the value of a constant that has none.
+    search endlessly for the value of a constant that has none. The mixin is the last base, since
+    FFCx looks for the kind of a constant among the first bases.
 
     Attributes:
         was_taken: Whether Python has converted the constant to a number.

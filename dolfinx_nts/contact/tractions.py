@@ -58,8 +58,9 @@ class Tractions(ABC):
     @property
     def pressure(self) -> Floats:
         reverse = self._forces_of_reverse_passes(_normal_forces)
-        force = np.linalg.norm(reverse, axis=1) - self.history.lambda_N
-        return self._per_facing_area(force, reverse)
+        part = self._facing_parts(_normal_forces(self.history) + reverse)
+        own = self.search.per_area(-self.history.lambda_N, part, self.history.area)
+        return own + self._on_facets(np.linalg.norm(reverse, axis=1), part)
 
     @property
     def traction(self) -> Floats:
@@ -68,23 +69,26 @@ class Tractions(ABC):
         In mortar contact all facets around the nodes count, otherwise those that face the contact.
         """
         force = self.history.force + self._forces_of_reverse_passes(lambda history: history.force)
-        if self.pair.method == MORTAR:
-            return self.nodes.per_area(force)
-        part = self._facing_parts(
-            _normal_forces(self.history) + self._forces_of_reverse_passes(_normal_forces)
-        )
-        return self.nodes.per_area(force, part * self.nodes.area)
+        return self._on_facets(force, self._parts_of_passes())
 
     @property
     def friction_traction(self) -> Floats:
         """Friction per area of the pressure, ``(n, 3)`` [Pa]. Collective."""
-        force = _friction(self.history) + self._forces_of_reverse_passes(_friction)
-        return self._per_facing_area(force, self._forces_of_reverse_passes(_normal_forces))
+        part, reverse = self._parts_of_passes(), self._forces_of_reverse_passes(_friction)
+        own = self.search.per_area(_friction(self.history), part, self.history.area)
+        return own + self._on_facets(reverse, part)
 
-    def _per_facing_area(self, force: Floats, reverse: Floats) -> Floats:
-        """Forces on the nodes per facing area; `reverse` are normal forces, ``(n, 3)`` [N]."""
-        part = self._facing_parts(_normal_forces(self.history) + reverse)
-        return self.search.per_area(force, part, self.history.area)
+    def _parts_of_passes(self) -> Floats:
+        reverse = self._forces_of_reverse_passes(_normal_forces)
+        return self._facing_parts(_normal_forces(self.history) + reverse)
+
+    def _on_facets(self, force: Floats, part: Floats) -> Floats:
+        """Nodal forces per area; in mortar contact the area of all facets of a node. Collective.
+
+        ``part`` is the fraction of it that faces the contact, shape ``(n,)`` [-].
+        """
+        is_mortar = self.pair.method == MORTAR
+        return self.nodes.per_area(force, None if is_mortar else part * self.nodes.area)
 
     def _facing_parts(self, force: Floats) -> Floats:
         """Fractions of the nodal areas opposed to the normal forces, shape ``(n,)`` [-]."""

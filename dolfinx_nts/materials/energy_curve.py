@@ -90,8 +90,8 @@ class EnergyCurve:
         return self._values[key]
 
 
-class _Stretch(Symbol, ufl.Constant):  # type: ignore[misc]
-    pass
+class _Stretch(ufl.Constant, Symbol):  # type: ignore[misc]
+    __float__ = Symbol.__float__
 
 
 def energy_of_symbols(psi: Callable[[Any], Any]) -> Any:

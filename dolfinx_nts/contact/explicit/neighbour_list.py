@@ -73,7 +73,10 @@ class NeighbourList:
         self, state: PairState, of_cells: Floats | None, layers: Layers | None = None
     ) -> None:
         self._state, self._of_cells, self._layers = state, of_cells, layers
-        self.part = np.ones(len(state.nodes.nodes))
+        # Part by area alone, and values of the candidates, see `Layers`.
+        self._of_area: Floats = np.ones(len(state.nodes.nodes))
+        self.part = self._of_area
+        self._of_segments: Floats | None = None
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices at the last search.
         self._positions: tuple[Floats, Floats]
@@ -137,11 +140,14 @@ class NeighbourList:
         if np.array_equal(self._pressed, before):
             return False
         is_new = (self._pressed != before) & (self._pressed >= 0)
+        has_changed = self._begin(before, segment)
         around = self.candidates.adjacent(x) if is_new.any() else None
-        if around is None:
-            return False
-        adjacent, vertices = around
         first = np.arange(len(segment)) if self.start is None else self.start[:-1]
+        if around is None:
+            if has_changed:
+                self._set_rows(segment[first])
+            return has_changed
+        adjacent, vertices = around
         (place,) = np.logical_or.reduceat(is_new, first).nonzero()
         node, found = self._listed[place], segment[first[place]]
         points = self._of_all.take(node)
@@ -151,13 +157,34 @@ class NeighbourList:
         is_next[is_next] = adjacent.have_common_vertices(found[is_next], nearest[is_next])
         own = np.where(is_next, nearest, found)
         row, facet = adjacent.as_near(points.of(x), vertices, own, self.candidates.size[own])
-        if not (len(row) or self.shared.many[node].any() or np.any(own != found)):
+        is_same = not (len(row) or self.shared.many[node].any() or np.any(own != found))
+        if is_same and not has_changed:
             return False
         self.shared.replace(node, row, facet)
         of_nodes = segment[first]
         of_nodes[place] = own
         self._set_rows(of_nodes)
         return True
+
+    def _begin(self, before: Ints, segment: Ints) -> bool:
+        """Set the parts of nodes that begin to transmit force by the segments faced. Local.
+
+        Arguments as for `change`, with the segments that transmitted force ``before``. Returns
+        whether a part has changed.
+        """
+        if self._layers is None or self._of_segments is None:
+            return False
+        n = len(self.part)
+        loaded, presses = (np.zeros(n, dtype=bool) for _ in range(2))
+        loaded[self.number[before >= 0]] = presses[self.number[self._pressed >= 0]] = True
+        begins = (presses & ~loaded)[self.number] & (self._pressed >= 0)
+        faced = np.full((n, 2), np.inf)
+        np.minimum.at(faced, self.number[begins], self._of_segments[segment[begins]])
+        node = np.unique(self.number[begins])
+        old, of_layers = self.part[node], self._layers.part(faced, in_series=True)
+        self.part = self.part.copy()  # histories keep the former array
+        self.part[node] = (self._of_area * of_layers)[node]
+        return not np.array_equal(old, self.part[node])
 
     def _set_rows(self, segment: Ints) -> None:
         """Set the rows of listed nodes; ``segment``, ``(m,)``, applies to nodes with one row."""
@@ -180,17 +207,20 @@ class NeighbourList:
         keys = self._serialized_shared(archive, f"{name}/shared")
         arrays: Sequence[Any] | None = None
         if not archive.restores and np.isfinite(self._travelled):
-            arrays = [self._listed, np.array([self._travelled, self.is_idle]), *self._positions]
+            numbers = np.array([self._travelled, self.is_idle])
+            arrays = [self._listed, numbers, self._of_area, *self._positions]
         arrays = archive.local(name, arrays)
         if not archive.restores:
             return
         if arrays is None:
             self._rebuild(x, keys)
             return
-        listed, (travelled, is_idle), nodes, vertices = arrays
+        listed, (travelled, is_idle), self._of_area, nodes, vertices = arrays
         self._travelled, self.is_idle = float(travelled), bool(is_idle)
         self._positions = nodes, vertices
         candidates, self.part = self._state.search.candidates, self._state.history.part
+        if self._layers is not None:
+            self._of_segments = self._layers.of_candidates(candidates)
         points = self._state.facets.points(self._state.search.frame.at_end(x))
         current = candidates.find(self._state.history.key)
         self._choose(candidates, points, listed, current, keys)
@@ -234,22 +264,17 @@ class NeighbourList:
         self._travelled, self._positions = 0.0, state.search.positions(x)
         points, x = state.facets.points(x), candidates.scatter.forward(x)
         near = candidates.near(points, x, margin + state.search.initial_depth)
-        of_segments = None if self._layers is None else self._layers.of_candidates(candidates)
-        has_edges = state.facets.has_edges
-        if self._of_cells is not None and (has_edges or of_segments is not None):
+        if self._layers is not None:
+            self._of_segments = self._layers.of_candidates(candidates)
+        if self._of_cells is not None and state.facets.has_edges:
             none = np.full(len(near), -1, dtype=np.int32)
             segment, _ = candidates.pair(points.take(near), x, none, self.reach + margin)
             node, segment = near[segment >= 0], segment[segment >= 0]
-            arriving: Floats = np.ones(len(current))
-            if has_edges:
-                normal = np.zeros((len(current), 3))
-                normal[node] = contact_normals(candidates, points.take(node), x, segment)
-                arriving = state.facets.pressed_parts(x_in_space, normal)
-            if self._layers is not None and of_segments is not None:
-                faced = np.full((len(current), 2), np.inf)
-                faced[node] = of_segments[segment]
-                arriving = arriving * self._layers.part(faced, in_series=True)
+            normal = np.zeros((len(current), 3))
+            normal[node] = contact_normals(candidates, points.take(node), x, segment)
+            arriving = state.facets.pressed_parts(x_in_space, normal)
             self.part = np.where(pressed, self.part, arriving)
+            self._of_area = np.where(pressed, self._of_area, arriving)
         self._choose(candidates, points, near, current, keys)
         self._set_pressing(pressed)
         self.is_idle = not reductions.total(self._comm, len(near))

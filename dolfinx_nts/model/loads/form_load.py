@@ -82,7 +82,7 @@ class FormLoad(Load):
         return call_with_symbols("a virtual work", self._work, *arguments, symbol=self._t)
 
 
-class _Time(Symbol, fem.Constant):  # type: ignore[misc]
+class _Time(fem.Constant, Symbol):  # type: ignore[misc]
     @fem.Constant.value.getter  # type: ignore[misc]
     def value(self) -> Any:
         self.was_taken = True

@@ -53,7 +53,7 @@ def folder(tmp_path, monkeypatch):
         (lambda: nts.RigidCone((0, 0), "70"), r"a number for a half_angle \[rad\], given '70'"),
         (lambda: nts.RigidSurface(TRIANGLE, [[0, 1, 3]], (0, 0, 1)), "from 0 to 2, given 0 to 3"),
         (lambda: nts.RigidSurface(TRIANGLE, [[0.0, 1.0, 2.0]], (0, 0, 1)), "given float64"),
-        (lambda: nts.RigidSurface(TRIANGLE, [[0, 1, 1]], (0, 0, 1)), "given 1 without area"),
+        (lambda: nts.RigidSurface(TRIANGLE, [[0, 1, 1]], (0, 0, 1)), "given 1 other facets"),
         (lambda: parts.add_box(None, "a", **BOX | {"cells": 4}), "3 numbers for cells, given 4"),
         (lambda: parts.add_box(None, "a", **BOX | {"corner": (0, 0)}), "3 numbers for corner"),
         (lambda: parts.add_rectangle(None, "a", **BOX), r"2 numbers for corner, given \(0, 0, 0\)"),
