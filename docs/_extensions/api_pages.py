@@ -41,7 +41,7 @@ PARTS = {
             "StepperStatistics",
             "ConvergenceError",
         ),
-        *("load_state", "Scheme", "ImplicitStepper", "Newmark", "NewmarkRates"),
+        *("load_state", "Gradient", "Scheme", "ImplicitStepper", "Newmark", "NewmarkRates"),
     ],
     "Results": [
         *("Recorder", "Diagnostics", "Balance", "BodyBalance", "PairBalance", "Overlap"),
