@@ -4,7 +4,7 @@ A layer of cells of height h, between nodes, and P-wave modulus M has the stiffn
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from dolfinx_nts.model.layers import layers
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["SOFT", "Layers"]
 
@@ -36,7 +37,7 @@ _BEYOND_WAVES = 1.5
 _EQUAL = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass
 class Layers:
     """Layers of cells at the nodes of a pair, and at the segments that the nodes may face.
 
@@ -60,6 +61,8 @@ class Layers:
     segment_nodes: Ints
     of_segments: Floats
     varies: bool
+    # Values at the nodes of a map, kept while the candidates have this map.
+    _there: tuple[NodalScatter, Floats] | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def of(cls, pair: ContactPair, modulus: Floats, density: Floats | None = None) -> "Layers":
@@ -145,11 +148,13 @@ class Layers:
         """Values of the candidate segments, ``(s, 2)``; None if they are equal. Collective."""
         if not self.varies:
             return None
-        field = np.zeros((candidates.scatter.index_map.size_local, 3))
-        for column, values in enumerate(self.of_segments.T):
-            np.maximum.at(field[:, column], self.segment_nodes, values)
-        there = candidates.scatter.forward(field)
-        means: Floats = there[candidates.segments].mean(axis=1)[:, :2]
+        scatter = candidates.scatter
+        if self._there is None or self._there[0] is not scatter:
+            values = np.zeros((scatter.index_map.size_local, 3))
+            for column, of_nodes in enumerate(self.of_segments.T):
+                np.maximum.at(values[:, column], self.segment_nodes, of_nodes)
+            self._there = scatter, np.array(scatter.forward(values))
+        means: Floats = self._there[1][candidates.segments].mean(axis=1)[:, :2]
         return means
 
     def part(self, faced: Floats | None, *, in_series: bool = False) -> Floats:

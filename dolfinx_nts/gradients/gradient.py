@@ -29,12 +29,15 @@ _MOST_DIRECTIONS = 50
 class Gradient:
     """Derivatives of an objective of a run with respect to controls.
 
-    The steps of the scheme are differentiated exactly, so that gradients are those of the computed
-    objective. Optimisers of SciPy take `value` and `gradient` as they are. Each call repeats the
-    run from the state at which the object was made, and leaves the stepper at the end of the run.
-    Springs of contact keep the stiffness that the first run has chosen. Which nodes touch, and
-    whether they slip, is constant within a step; at controls where this changes, derivatives are
-    one-sided. Collective, as are all methods.
+    The steps of the scheme are differentiated, not the equations in time, so that gradients are
+    those of the computed objective. Contact of nodes with segments by springs without friction is
+    differentiated exactly. Mortar contact and friction are differentiated by central differences of
+    the contact of each step along one direction, with errors of about 1e-8. Optimisers of SciPy
+    take `value` and `gradient` as they are. Each call repeats the run from the state at which the
+    object was made, and leaves the stepper at the end of the run. Springs of contact keep the
+    stiffness that the first run has chosen. Which nodes touch, and whether they slip, is constant
+    within a step; at controls where this changes, derivatives are one-sided. Collective, as are all
+    methods.
 
     Args:
         stepper: An `EnergyMomentum`, `Midpoint` or `QuasiStatic` stepper before the run.
@@ -125,11 +128,16 @@ class Gradient:
     def gradient(self, controls: Floats | None = None) -> Floats:
         """Gradient of the objective, by one transposed linear system a step.
 
+        With mortar contact or friction it takes one tangent-linear run for each control.
+
         Args:
             controls: Values of the controls, shape ``(m,)``; None for the current ones.
 
         Returns:
             Derivatives in the order of the controls, the same on all ranks, shape ``(m,)``.
+
+        Raises:
+            ValueError: There are more than 50 controls with mortar contact or friction.
         """
         self._run(controls)
         with self._kept():

@@ -174,13 +174,12 @@ class NeighbourList:
         """
         if self._layers is None or self._of_segments is None:
             return False
-        n = len(self.part)
-        loaded, presses = (np.zeros(n, dtype=bool) for _ in range(2))
-        loaded[self.number[before >= 0]] = presses[self.number[self._pressed >= 0]] = True
-        begins = (presses & ~loaded)[self.number] & (self._pressed >= 0)
-        faced = np.full((n, 2), np.inf)
-        np.minimum.at(faced, self.number[begins], self._of_segments[segment[begins]])
-        node = np.unique(self.number[begins])
+        row = np.flatnonzero((before < 0) & (self._pressed >= 0))
+        row = row[~np.isin(self.number[row], self.number[before >= 0])]
+        if not len(row):
+            return False
+        node, faced = np.unique(self.number[row]), np.full((len(self.part), 2), np.inf)
+        np.minimum.at(faced, self.number[row], self._of_segments[segment[row]])
         old, of_layers = self.part[node], self._layers.part(faced, in_series=True)
         self.part = self.part.copy()  # histories keep the former array
         self.part[node] = (self._of_area * of_layers)[node]

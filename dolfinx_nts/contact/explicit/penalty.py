@@ -122,7 +122,8 @@ class ContactSprings:
             self._cells[:] = layers.stiffness(in_series=True) / sides
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
         of_areas = self._acts_on_areas and pair.method != EDGES
-        self._neighbours = NeighbourList(state, self._cells / SOFT if of_areas else None, layers)
+        limits = (self._cells / SOFT, layers) if of_areas else (None, None)
+        self._neighbours = NeighbourList(state, *limits)
         self.shortest_passage = shortest_passage_of(pair)
         self._deep = deep_from(pair)
         self.num_lost = self.num_deep = 0

@@ -39,10 +39,6 @@ class TangentSolver:
             self._factors.strengthen()
         self._comm, self._is_old = comm, True
 
-    def forget(self) -> None:
-        """Compute new factors for the next system. Local."""
-        self._is_old = True
-
     def solve(self, act: Callable[[Floats], Floats], b: Floats) -> Floats:
         """Solve a system.
 

@@ -131,13 +131,17 @@ def test_missing_scheme_and_missing_call_of_the_base_class_are_named(box):
         NotCalled([box.body], dt=0.1).set_velocity(box.body, None)
 
 
-@pytest.mark.parametrize("kind", [nts.CentralDifference, nts.GeneralizedAlpha])
-def test_scheme_of_a_stepper_that_has_its_own_is_refused(box, kind):
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        (nts.CentralDifference, "which CentralDifference ignores: .*ImplicitStep"),
+        (nts.GeneralizedAlpha, "as .*ImplicitStep"),
+    ],
+)
+def test_scheme_of_a_stepper_that_has_its_own_is_refused(box, kind, reason):
     """Regression: it was ignored."""
     own = type("Own", (kind,), {"scheme": nts.Scheme(**ARGUMENTS)})
-    with pytest.raises(
-        TypeError, match=r"expected no attribute scheme of Own, (as|which) .*ImplicitStep"
-    ):
+    with pytest.raises(TypeError, match=f"expected no attribute scheme of Own, {reason}"):
         own([box.body], dt=1e-6)
 
 
