@@ -173,8 +173,10 @@ class Gradient:
             is_known = forms.exists or control.value in of_objective
             if not (is_known or (callable(objective) and not of_objective)):
                 raise ValueError(
-                    "expected controls in an energy, a load or the objective, given "
-                    f"{control.value!r}, which occurs in none"
+                    "expected controls in an energy, a load or the objective, given as control "
+                    f"{self._controls.index(control) + 1} of {len(self._controls)} a "
+                    f"{type(control.value).__name__} of shape {control.value.ufl_shape}, which "
+                    "occurs in none"
                 )
 
     def _split(self, values: Floats) -> list[Floats]:
