@@ -409,7 +409,7 @@ class CentralDifference(Stepper):
         self.stable_step, _ = self._stability.longest_steps(self.x)
         if self.dt > self._stability.limit:
             self._refuse("cells have become too small")
-        if (energy := self._stability.exchanged()) and self._comm.rank == 0:
+        if (energy := self._stability.exchanged(self.dt)) and self._comm.rank == 0:
             _logger.warning(
                 "until t = %g s contact springs have %s an energy of %.3g J by losing or changing "
                 "their segments, as at rims, corners and between coarse facets: use finer facets, "

@@ -135,10 +135,14 @@ class Stability:
         self._turnover += sum(map(abs, driven))
         self._exchanged += contact.persistent + contact.activation + contact.facet_change
 
-    def exchanged(self) -> float:
-        """Energy from springs that had not stored it, if it is to be reported, or 0 [J]. Local."""
-        least = max(_EXCHANGED * (self._energy + self._turnover), 2 * self._reported)
-        if abs(self._exchanged) <= least:
+    def exchanged(self, dt: float) -> float:
+        """Energy from springs that had not stored it, if it is to be reported, or 0 [J]. Local.
+
+        Args:
+            dt: Length of the steps [s].
+        """
+        least = _EXCHANGED * (self._energy + self._turnover) + self._round_off(dt)
+        if abs(self._exchanged) <= max(least, 2 * self._reported):
             return 0.0
         self._reported = abs(self._exchanged)
         return self._exchanged
@@ -146,10 +150,13 @@ class Stability:
     def growth(self, energy: float, dt: float) -> str:
         """Message if the energy [J] of a run with steps dt [s] has grown, otherwise "". Local."""
         grown = energy - self._energy - self._worked
-        whole = self._mass * (self.smallest / dt) ** 2
-        if grown <= _GROWTH * (self._energy + self._turnover) + _ROUNDING * whole:
+        if grown <= _GROWTH * (self._energy + self._turnover) + self._round_off(dt):
             return ""
         return f"the energy has grown by {grown:.3g} J"
+
+    def _round_off(self, dt: float) -> float:
+        """Energy of round-off at rest [J]."""
+        return _ROUNDING * self._mass * (self.smallest / dt) ** 2
 
     def _contact(self) -> float:
         """Highest squared angular frequency of the current springs [1/s^2]."""

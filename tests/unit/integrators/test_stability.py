@@ -7,6 +7,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
+from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.integrators.explicit import stability
@@ -123,3 +124,14 @@ def test_no_step_is_stable_for_a_cell_without_length(comm):
     assert squared == np.inf and shortest == 0
     for damping in (stability.Damping(0.0, 0.0), stability.Damping(1.0, 0.1)):
         assert stability.largest_step(squared, damping) == 0
+
+
+@pytest.mark.parametrize(("energy", "is_reported"), [(1e-26, False), (1e-3, True)])
+def test_energy_of_springs_is_reported_above_round_off_only(comm, energy, is_reported):
+    scene = scenes.blocks(comm, nts.CentralDifference, nts.Penalty())
+    stepper = scene.stepper
+    watch = stability.Stability(stepper.bodies, [], mass=1.0)
+    watch.longest_steps(stepper.x)
+    watch.start(0.0)
+    watch.count([], 0.0, ContactWork(activation=energy))
+    assert bool(watch.exchanged(1e-3)) == is_reported
