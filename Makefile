@@ -48,6 +48,9 @@ stress: ## scenes that try to break a run, tables results/stress.csv, docs/table
 sanitize: ## tests of the kernels under address and undefined-behaviour sanitizers
 	$(RUN) environment/sanitize
 
+coverage: ## lines that tests on one rank execute, table docs/tables/coverage.md, pages in build/coverage
+	$(RUN) environment/coverage
+
 traps: ## all tests on one rank, with floating-point traps
 	$(RUN) env NTS_TRAPS=1 $(PYTEST)
 
@@ -56,7 +59,7 @@ lint: ## ruff, mypy, clang-format, shellcheck
 	$(RUN) ruff format --check
 	$(RUN) python3 -m mypy --strict dolfinx_nts
 	$(RUN) clang-format --dry-run -Werror $$(find dolfinx_nts -name '*.h' -o -name '*.cpp')
-	$(RUN) shellcheck environment/run environment/ranks environment/sanitize .ci/run
+	$(RUN) shellcheck --external-sources --source-path=SCRIPTDIR environment/run environment/ranks environment/sanitize environment/coverage environment/instrumented.sh .ci/run
 
 docs: ## the documentation site with executed demos, in build/docs/html
 	$(RUN) python3 -m sphinx --fail-on-warning --keep-going --quiet -d build/docs/doctrees docs build/docs/html
@@ -73,4 +76,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo docs docs-quick bench bench-peers bench-publish verification test test-one-rank test-ranks test-latest stress sanitize traps lint shell clean
+.PHONY: help demo docs docs-quick bench bench-peers bench-publish verification test test-one-rank test-ranks test-latest stress sanitize coverage traps lint shell clean
