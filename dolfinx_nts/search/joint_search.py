@@ -128,6 +128,9 @@ class JointCandidates(SegmentCandidates):
     def find(self, key: GlobalInts) -> Ints:
         return self._kernel.find(key, self._group)
 
+    def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
+        return self._kernel.near(points.of(x), reach, x, self._group[points.facing.numbers])
+
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         flags = np.zeros(len(segment), dtype=bool)
         group = np.searchsorted(self._first, segment, side="right") - 1

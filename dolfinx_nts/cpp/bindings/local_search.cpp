@@ -200,17 +200,19 @@ public:
         });
   }
 
-  auto near(const Doubles& x_node, double reach, const Doubles& x)
+  auto near(const Doubles& x_node, double reach, const Doubles& x,
+            const std::optional<Ints>& group)
   {
     check("x_node", x_node, {any, 3});
+    const std::size_t n = x_node.shape(0);
+    if (group)
+      check("group", *group, {n});
     check_positions("x", x);
     std::vector<std::int32_t> found;
-    for (CachedTree& tree : _trees)
-      std::ranges::copy(tree.near(view(x_node), reach, view(x)),
-                        std::back_inserter(found));
-    std::ranges::sort(found);
-    const auto repeated = std::ranges::unique(found);
-    found.erase(repeated.begin(), repeated.end());
+    each_run(
+        n, [&](std::size_t i) { return group ? view(*group)[i] : 0; },
+        [&](std::size_t g, std::size_t begin, std::size_t end)
+        { _trees[g].near(view(x_node), begin, end, reach, view(x), found); });
     auto numbers = create<std::int32_t>({found.size()});
     std::ranges::copy(found, numbers.data());
     return numbers;
@@ -510,9 +512,9 @@ void local_search(nb::module_& m)
           "as pair for nodes of the surface itself, see "
           "nts/search/self_contact.h")
       .def("near", &SegmentsAndTrees::near, nb::arg("x_node"), nb::arg("reach"),
-           nb::arg("x"),
-           "(n, 3), -, (l, 3) -> numbers of the nodes within reach of the box "
-           "of a segment (m,)")
+           nb::arg("x"), nb::arg("group") = nb::none(),
+           "(n, 3), -, (l, 3), (n,) -> numbers of the nodes within reach of the "
+           "box of a segment of their group (m,)")
       .def("hold_in_dents", &SegmentsAndTrees::hold_in_dents, nb::arg("held"),
            "Set whether nodes below dents keep a segment.")
       .def("sink", &SegmentsAndTrees::sink, nb::arg("depth"),

@@ -379,6 +379,21 @@ def test_near_nodes_are_those_within_reach_of_a_box(k, rng):
     assert kernel.num_trees == 1
 
 
+def test_nodes_are_near_segments_of_their_group_only(rng):
+    segments, orientation = bumpy_surface(4)
+    vertices = np.arange(segments[..., 0].size, dtype=np.int32).reshape(segments.shape[:2])
+    first = np.array([0, len(segments) // 3, len(segments)], dtype=np.int32)
+    kernel = _kernels.Segments(vertices, orientation, np.arange(len(segments)), first)
+    nodes, x = rng.uniform(-0.5, 1.5, (300, 3)), segments.reshape(-1, 3)
+    group = np.repeat([1, 0], 150).astype(np.int32)
+    lower, upper = segments.min(axis=1), segments.max(axis=1)
+    outside = np.maximum(lower - nodes[:, None], nodes[:, None] - upper).clip(0)
+    is_near = np.linalg.norm(outside, axis=2) <= 0.2
+    expected = [is_near[i, first[g] : first[g + 1]].any() for i, g in enumerate(group)]
+    assert 0 < np.count_nonzero(expected) < np.count_nonzero(is_near.any(axis=1))
+    np.testing.assert_array_equal(kernel.near(nodes, 0.2, x, group), np.flatnonzero(expected))
+
+
 @pytest.mark.untrapped
 def test_farthest_point(rng):
     x, before = rng.normal(size=(2, 9, 3))

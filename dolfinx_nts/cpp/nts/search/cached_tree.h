@@ -46,16 +46,17 @@ public:
   }
 
   /// @brief Points within a distance of the box of any segment.
-  /// @param[in] points The points, (n, 3) [m].
+  /// @param[in] points All points, (n, 3) [m].
+  /// @param[in] begin, end Range of the points to be tested.
   /// @param[in] reach Largest distance [m].
   /// @param[in] x Positions, (l, 3) [m].
-  /// @return Numbers of these points, ascending.
-  std::vector<std::int32_t> near(std::span<const double> points, double reach,
-                                 std::span<const double> x)
+  /// @param[out] numbers Numbers of these points are appended, ascending.
+  void near(std::span<const double> points, std::size_t begin, std::size_t end,
+            double reach, std::span<const double> x,
+            std::vector<std::int32_t>& numbers)
   {
     const Tree& tree = at(x);
-    std::vector<std::int32_t> numbers;
-    for (std::size_t n = 0; n < points.size() / 3; ++n)
+    for (std::size_t n = begin; n < end; ++n)
     {
       const Vec3 point = vector(points, n);
       bool found = false;
@@ -70,7 +71,6 @@ public:
       if (found)
         numbers.push_back(static_cast<std::int32_t>(n));
     }
-    return numbers;
   }
 
   /// @brief Number of trees built so far.
