@@ -22,7 +22,6 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.checks.repeated_pairs import check_repeated
 from dolfinx_nts.contact.checks.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.contact.checks.watch import ContactWatch
-from dolfinx_nts.contact.history import reloaded
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -367,7 +366,7 @@ class Stepper(TimeLoop):
         self._was_displaced |= displaced
         if displaced:
             for contact in self.contacts:
-                contact.accept(reloaded(contact.history))
+                contact.displaced()
         self._x_before = self._x_before if before is None else before
 
     def _load_at(self, point: float) -> None:

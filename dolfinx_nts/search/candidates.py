@@ -279,7 +279,12 @@ class Search(ABC):
         return self._nodes.nodes, self._vertices
 
     def is_near(self, x: Floats, reach: float) -> bool:
-        """Whether a node of this rank may be near a candidate, at positions x in space. Local."""
+        """Whether points of the surface on this rank may be near a candidate. Collective.
+
+        Args:
+            x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
+            reach: Largest distance that counts as near [m].
+        """
         return True
 
     def positions(self, x: Floats) -> tuple[Floats, Floats]:

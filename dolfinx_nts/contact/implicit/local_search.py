@@ -12,6 +12,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES, Tied
 from dolfinx_nts.contact.implicit.pairing import NodePairing, Pairing
+from dolfinx_nts.contact.history import NEVER
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.method import NODES
@@ -44,7 +45,8 @@ _REACH = 3
 def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bool:
     """Whether nodes of a pair may get a segment in a step, or had one in the last step. Collective.
 
-    In a step with inertia, a pair without such nodes has no contact and is skipped.
+    In a step with inertia, a pair without such nodes has no contact and is skipped. Surfaces that
+    were apart after the last step are, unless they are within a multiple of the motion.
 
     Args:
         state: State of the contact pair, or of several.
@@ -52,14 +54,14 @@ def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bo
             [m].
         increment: Largest ballistic displacement increment of a node, the same on all ranks [m].
     """
-    near = isinstance(state, JointState) or state.search.is_near(
-        x_n,
-        (_REACH + 1) * increment
-        + _kernels.DEEPEST * state.longest_segment
-        + state.search.initial_depth,
-    )
+    if isinstance(state, JointState) or state.was_displaced:
+        return True
     comm: MPI.Comm = state.nodes.V.mesh.comm
-    return reductions.anywhere(comm, near or bool(np.any(state.history.key != -1)))
+    old, reach = state.history, (_REACH + 1) * increment
+    may_penetrate = bool(np.any(old.active | (old.key == NEVER) | (old.gap < 0)))
+    if reductions.anywhere(comm, may_penetrate):
+        return True
+    return reductions.anywhere(comm, state.search.is_near(x_n, reach))
 
 
 class Approach(NamedTuple):

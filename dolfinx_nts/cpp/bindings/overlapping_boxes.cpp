@@ -1,5 +1,6 @@
 #include "nts/search/overlapping_boxes.h"
 #include "boxes.h"
+#include "nts/search/facet_distance.h"
 
 #include <nanobind/stl/tuple.h>
 
@@ -40,6 +41,18 @@ auto approach_of(const Doubles& displacements)
   approach(boxes, view(nearer));
   return nearer;
 }
+
+bool facets_may_be_within(const Doubles& x, const In<std::int32_t>& facets,
+                          const In<std::int32_t>& others, double reach)
+{
+  check("x", x, {any, 3});
+  check("facets", facets, {any, any});
+  check("others", others, {any, facets.shape(1)});
+  check_rows("facets: expected rows of x", facets, x.shape(0));
+  check_rows("others: expected rows of x", others, x.shape(0));
+  return may_be_within(view(x), view(facets), view(others), facets.shape(1),
+                       reach);
+}
 } // namespace
 
 void overlapping_boxes(nb::module_& m)
@@ -55,5 +68,9 @@ void overlapping_boxes(nb::module_& m)
         "(2, g, 3) as of Boundaries.displacements -> bound on how much each "
         "two boundaries have come nearer to each other, 0 on the diagonal "
         "(g, g)");
+  m.def("facets_may_be_within", &facets_may_be_within, nb::arg("x"),
+        nb::arg("facets"), nb::arg("others"), nb::arg("reach"),
+        "(l, 3), (f, k) and (s, k) rows of x, - -> whether facets of both "
+        "groups may be as near as that, see nts/search/facet_distance.h");
 }
 } // namespace nts::bindings

@@ -4,6 +4,7 @@ from functools import cached_property
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.elements import Element
@@ -128,6 +129,15 @@ class MortarSearch(FacetSearch):
         self._others = ids, owners_of(near.scatter.index_map, facets.ravel())
         self._around = _hat_functions(near, facets) if near.has_middles else None
         self._near, self._near_facets = near.scatter, facets[:, : self._k]
+
+    def is_near(self, x: Floats, reach: float) -> bool:
+        # Facets of this rank's nodes extend beyond these.
+        candidates, _ = self.update(x, reach + 2 * self._nodes.size)
+        facets, segments = candidates.facets.vertices, candidates.segments
+        if candidates.may_curve or self._of_patches is not None:
+            return True
+        there = candidates.scatter.forward(x)
+        return _kernels.facets_may_be_within(there, facets, segments, reach)
 
     def per_area(self, force: Floats, part: Floats, covered: Floats) -> Floats:
         """Vertex forces per covered area [Pa], interpolated to mid-nodes of degree 2.
