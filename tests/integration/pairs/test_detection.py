@@ -8,6 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from dolfinx_nts.contact.implicit.local_search import may_face
 from stress import statics
 
 WIDTH, GAP, THICKNESS = 0.2, 0.02, 0.1
@@ -216,3 +217,32 @@ def test_nodes_that_sink_through_a_thin_plate_are_not_lost_at_the_next_facet(com
     with refused(nts.ConvergenceError, "sank .*stiffer springs"):
         list(stepper.run(until=0.02))
     assert 0.014 < stepper.t < 0.019
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("all_facets", [True, False])
+def test_surfaces_apart_are_skipped_until_they_approach_or_the_user_moves_them(comm, all_facets):
+    def fill(model):
+        for name, z in ("lower", -0.2), ("upper", GAP):
+            corner = (-WIDTH / 2 + 0.03 * (z > 0), -WIDTH / 2, z)
+            parts.add_box(model, name, corner=corner, size=(WIDTH,) * 3, cells=(2, 2, 2))
+
+    mesh, cells, facets, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.NeoHookean(1e5, 0.3, 1e3)
+    bodies = [nts.Body(V, cells, tag[name], rubber) for name in ("lower", "upper")]
+    if all_facets:
+        pairs = nts.all_pairs(bodies)
+    else:
+        faces = tag["upper_bottom"], tag["lower_top"]
+        pairs = [nts.ContactPair(*(nts.Surface(V, facets, face) for face in faces))]
+    stepper = nts.EnergyMomentum(bodies, pairs, dt=STEP)
+    state = stepper.contacts[0]
+    assert may_face(state, stepper.x, 0.0)  # not yet known
+    stepper.advance()
+    # Motion that is expected to be too small, or large enough, to close the gap.
+    assert not may_face(state, stepper.x, 0.24 * GAP)
+    assert may_face(state, stepper.x, 0.26 * GAP)
+    stepper.set_displacement(bodies[1], (0, 0, -1.2 * GAP))
+    assert may_face(state, stepper.x, 0.0)
+    assert stepper.advance().num_active > 0
