@@ -1,6 +1,8 @@
 """Stiffness of the cells at the springs of a contact pair.
 
 A layer of cells of height h, between nodes, and P-wave modulus M has the stiffness M/h per area.
+The height is at most a multiple of the thickness of the other body: springs as soft as coarse cells
+would let these sink through a thin sheet.
 """
 
 from collections.abc import Sequence
@@ -11,7 +13,7 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.model.layers import layers
+from dolfinx_nts.model.layers import layers, walls
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
@@ -33,6 +35,10 @@ SOFT = 5 / 3
 # small; smaller (1.2: 1.4 %): vibration exceeds that pressure, and would persist where springs are
 # stiff.
 _BEYOND_WAVES = 1.5
+# Largest height of a layer relative to the thickness of the other body [-]. Larger: nodes sink
+# through sheets under smaller loads, with 3 where layers are compressed by a tenth; smaller: springs
+# are stiffer than the cells, and scatter, between bodies of few cells.
+_THICK = 3.0
 # Relative difference of layers that counts as zero [-], larger than round-off.
 _EQUAL = 1e-6
 
@@ -46,12 +52,13 @@ class Layers:
 
     Attributes:
         area: Areas of the ``m`` nodes, shape ``(m,)`` [m^2].
-        own: Compression of the layer of each node per pressure [m/Pa], 0 where it does not deform,
-            and slowness 1/(rho c) of its waves [m^2 s/kg], shape ``(m, 2)``.
-        least: The least values of the segments that deform, for each node, ``(m, 2)``; 0 if none
-            deforms.
+        own: Values of the layer of each node, shape ``(m, 4)``: compression per pressure [m/Pa], 0
+            where it does not deform; slowness 1/(rho c) of its waves [m^2 s/kg]; compliance of the
+            material 1/M [1/Pa]; largest height of the layers of the other body [m].
+        least: The least values of the segments that deform, for each node, ``(m, 4)``; 0 if none
+            deforms, but for the thickness.
         segment_nodes, of_segments: Owned nodes of the segments, ``(k,)``, and their values,
-            ``(k, 2)``.
+            ``(k, 4)``.
         varies: Whether the values of the segments differ.
     """
 
@@ -76,23 +83,30 @@ class Layers:
             density: Density at the owned nodes, shape ``(n,)`` [kg/m^3]; None if slownesses are not
                 needed.
         """
-        nodes, segments = pair.nodes, pair.segments
+        nodes, segments, comm = pair.nodes, pair.segments, pair.nodes.V.mesh.comm
         slowness: Floats = np.zeros(len(modulus))
         if density is not None:
             slowness = 1 / np.sqrt(density * modulus)
-        area, compression = layers(nodes, modulus)
-        own = np.column_stack([compression, slowness[nodes.nodes]])
+        area, height = layers(nodes)
         others: Ints = np.empty(0, dtype=np.int32)
-        there: Floats = np.empty((0, 2))
-        extremes: Floats = np.full((2, 2), -np.inf)
+        heights = [height, np.empty(0)]
         if isinstance(segments, Surface):
-            others, (_, compression) = segments.nodes, layers(segments, modulus)
-            there = np.column_stack([compression, slowness[others]])
-            deforming = there[compression > 0]
-            if len(deforming):
-                extremes[:] = -deforming.min(axis=0), deforming.max(axis=0)
-        extremes = reductions.largest(nodes.V.mesh.comm, extremes)
+            others, (_, heights[1]) = segments.nodes, layers(segments)
+        limits = _heights(pair, heights, [modulus[nodes.nodes], modulus[others]])
+        own, there = (
+            np.column_stack([h / modulus[at], slowness[at], 1 / modulus[at], limit])
+            for h, at, limit in zip(heights, (nodes.nodes, others), limits, strict=True)
+        )
+        extremes: Floats = np.full((2, 4), -np.inf)
+        deforming = there[there[:, 0] > 0]
+        if len(deforming):
+            extremes[:] = -deforming.min(axis=0), deforming.max(axis=0)
+        if len(there):
+            extremes[:, 3] = -there[:, 3].min(), there[:, 3].max()
+        extremes = reductions.largest(comm, extremes)
         least = np.where(np.isfinite(extremes[0]), -extremes[0], 0.0)
+        if not isinstance(segments, Surface):
+            least[3] = min(_THICK * segments.extent, float(limits[0].max(initial=0.0)))
         varies = bool(np.any(extremes[1] > (1 + _EQUAL) * least) and least[0] > 0)
         return cls(area, own, np.tile(least, (len(area), 1)), others, there, varies)
 
@@ -117,8 +131,8 @@ class Layers:
         if isinstance(segments, Surface):
             others = segments.nodes
         if layers is None:
-            values = np.zeros(m), np.zeros((m, 2)), np.zeros((m, 2))
-            layers = cls(*values, others, np.zeros((len(others), 2)), False)
+            values = np.zeros(m), np.zeros((m, 4)), np.zeros((m, 4))
+            layers = cls(*values, others, np.zeros((len(others), 4)), False)
         area, own, least = (
             archive.nodal(f"{name}_{key}", pair.nodes.node_ids, getattr(layers, key))
             for key in ("area", "own", "least")
@@ -145,23 +159,24 @@ class Layers:
         return stiffness
 
     def of_candidates(self, candidates: Candidates) -> Floats | None:
-        """Values of the candidate segments, ``(s, 2)``; None if they are equal. Collective."""
+        """Values of the candidate segments, ``(s, 4)``; None if they are equal. Collective."""
         if not self.varies:
             return None
         scatter = candidates.scatter
         if self._there is None or self._there[0] is not scatter:
-            values = np.zeros((scatter.index_map.size_local, 3))
+            # A scatter forwards three values of each node.
+            values = np.zeros((2, scatter.index_map.size_local, 3))
             for column, of_nodes in enumerate(self.of_segments.T):
-                np.maximum.at(values[:, column], self.segment_nodes, of_nodes)
-            self._there = scatter, np.array(scatter.forward(values))
-        means: Floats = self._there[1][candidates.segments].mean(axis=1)[:, :2]
+                np.maximum.at(values[column // 3, :, column % 3], self.segment_nodes, of_nodes)
+            self._there = scatter, np.hstack([np.array(scatter.forward(each)) for each in values])
+        means: Floats = self._there[1][candidates.segments].mean(axis=1)[:, :4]
         return means
 
     def part(self, faced: Floats | None, *, in_series: bool = False) -> Floats:
         """Stiffness on the segments that nodes face, relative to `stiffness`, ``(m,)`` [-]. Local.
 
         Args:
-            faced: Values of these segments, shape ``(m, 2)``, not finite without a segment; None if
+            faced: Values of these segments, shape ``(m, 4)``, not finite without a segment; None if
                 all segments are equal.
             in_series: See `stiffness`.
         """
@@ -186,7 +201,7 @@ class Layers:
         """
         other = self.least if faced is None else self._known(faced)
         slowness = self.own[:, 1] + other[:, 1]
-        depth = _BEYOND_WAVES * SOFT * np.fmax(self.own, other)[:, 0]
+        depth = _BEYOND_WAVES * SOFT * self._compression(other, in_series=False)
         return np.divide(depth, slowness, out=np.full_like(depth, np.inf), where=self.deforms)
 
     def _known(self, faced: Floats) -> Floats:
@@ -194,5 +209,40 @@ class Layers:
 
     def _compression(self, other: Floats, in_series: bool) -> Floats:
         join = np.add if in_series else np.maximum
-        compression: Floats = join(self.own[:, 0], other[:, 0])
+        compression: Floats = join(_limited(self.own, other), _limited(other, self.own))
         return compression
+
+
+def _limited(layer: Floats, body: Floats) -> Floats:
+    """Compression per pressure of layers of the height that the other body admits, ``(m,)``."""
+    compression: Floats = np.fmin(layer[:, 0], layer[:, 2] * body[:, 3])
+    return compression
+
+
+def _heights(
+    pair: ContactPair, heights: Sequence[Floats], moduli: Sequence[Floats]
+) -> list[Floats]:
+    """Largest heights of layers opposite the nodes of both sides [m]. Collective.
+
+    Args:
+        pair: The pair.
+        heights: Heights of the layers of both sides [m].
+        moduli: P-wave moduli there [Pa].
+    """
+    deforming = [h[np.isfinite(m)] for h, m in zip(heights, moduli, strict=True)]
+    extremes = [
+        *(h.max(initial=0.0) for h in deforming),
+        *(-h.min(initial=np.inf) for h in heights),
+    ]
+    most = reductions.largest(pair.nodes.V.mesh.comm, np.array(extremes))
+    highest, lowest = most[:2], -most[2:]
+    farthest = float(highest.max()) or 1.0
+    # A body is at least as thick as its cells are high.
+    return [
+        _THICK * walls(side, farthest / _THICK)
+        if isinstance(side, Surface) and other > _THICK * own
+        else np.full(len(height), farthest)
+        for side, height, own, other in zip(
+            (pair.nodes, pair.segments), heights, lowest, highest[::-1], strict=True
+        )
+    ]

@@ -22,6 +22,7 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = [
     "ClosedBoundary",
+    "boundary_of_mesh",
     "closed_boundaries",
     "outward_triangles",
     "raised",
@@ -107,6 +108,15 @@ def closed_boundaries(groups: Sequence[Sequence[Body]]) -> list[ClosedBoundary]:
             )
         )
     return boundaries
+
+
+def boundary_of_mesh(V: fem.FunctionSpace) -> Ints:
+    """Triangles with outward normals, or in the plane edges, of the boundary of the mesh. Local.
+
+    They are those of the cells of this rank, as in `ClosedBoundary`.
+    """
+    segments, orientation, _ = _segments(V)
+    return outward_triangles(segments, orientation)
 
 
 def outward_triangles(segments: Ints, orientation: Floats) -> Ints:

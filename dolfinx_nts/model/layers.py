@@ -13,9 +13,10 @@ from dolfinx_nts.materials.strain_energy import STRETCHES
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.moduli import wave_modulus
 from dolfinx_nts.model.surfaces import Surface, facet_shares
+from dolfinx_nts.model.wall_thickness import wall_thickness
 from dolfinx_nts.parallel.communication import exchanged, rows_by_rank
 
-__all__ = ["layers", "nodal_densities", "nodal_moduli"]
+__all__ = ["layers", "nodal_densities", "nodal_moduli", "walls"]
 
 
 def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
@@ -51,24 +52,32 @@ def nodal_densities(bodies: Sequence[Body], n: int) -> Floats:
     return densities
 
 
-def layers(surface: Surface, modulus: Floats) -> tuple[Floats, Floats]:
+def layers(surface: Surface) -> tuple[Floats, Floats]:
     """Layers of cells behind the nodes of a surface. Collective.
 
-    A layer of height h, between nodes, and modulus M has the stiffness M/h per area.
-
-    Args:
-        surface: The surface.
-        modulus: P-wave modulus at the owned nodes of the space, see `nodal_moduli`.
-
     Returns:
-        Reference areas of the nodes, positive also at degree 2, shape ``(m,)`` [m^2], and
-        compression of the layer per pressure, shape ``(m,)`` [m/Pa].
+        Reference areas of the nodes, positive also at degree 2, shape ``(m,)`` [m^2], and mean
+        heights of the layers, between nodes, ``(m,)`` [m].
     """
-    V = surface.V
-    area, height = facet_shares(surface), surface.thickness / Element.of(V).degree
-    parts = np.tile(np.column_stack([area, area * height]), (surface.segments.shape[1], 1))
-    of_nodes, volume = sums_at(V, surface.nodes, surface.segments.T.ravel(), parts).T
-    return of_nodes, volume / of_nodes / modulus[surface.nodes]
+    area, height = facet_shares(surface), surface.thickness / Element.of(surface.V).degree
+    of_nodes, volume = _sums(surface, np.column_stack([area, area * height])).T
+    return of_nodes, volume / of_nodes
+
+
+def walls(surface: Surface, farthest: float) -> Floats:
+    """Harmonic means of the thickness behind the nodes of a surface, ``(m,)`` [m]. Collective.
+
+    They are at most ``farthest`` [m], see `wall_thickness`.
+    """
+    area, thickness = facet_shares(surface), wall_thickness(surface, farthest)
+    of_nodes, inverse = _sums(surface, np.column_stack([area, area / thickness])).T
+    return of_nodes / inverse
+
+
+def _sums(surface: Surface, values: Floats) -> Floats:
+    """Sums of the values of segments, ``(s, k)``, at the owned nodes, ``(m, k)``. Collective."""
+    parts = np.tile(values, (surface.segments.shape[1], 1))
+    return sums_at(surface.V, surface.nodes, surface.segments.T.ravel(), parts)
 
 
 def _take_largest(V: fem.FunctionSpace, values: Floats) -> None:

@@ -178,7 +178,7 @@ class NeighbourList:
         row = row[~np.isin(self.number[row], self.number[before >= 0])]
         if not len(row):
             return False
-        node, faced = np.unique(self.number[row]), np.full((len(self.part), 2), np.inf)
+        node, faced = np.unique(self.number[row]), np.full((len(self.part), 4), np.inf)
         np.minimum.at(faced, self.number[row], self._of_segments[segment[row]])
         old, of_layers = self.part[node], self._layers.part(faced, in_series=True)
         self.part = self.part.copy()  # histories keep the former array

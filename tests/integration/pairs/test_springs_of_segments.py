@@ -126,3 +126,45 @@ def test_cells_far_from_the_impact_do_not_soften_the_springs():
     assert (force, overlap) == pytest.approx(near, rel=1e-6)
     assert force == pytest.approx(5.99e5, rel=0.03)
     assert overlap < 5e-4
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.CentralDifference)])
+def test_coarse_soft_pads_do_not_sink_through_a_thin_sheet(comm, scheme):
+    """The height of the cells of the pads is 50 times the thickness of the sheet."""
+    height, thickness, modulus, pressure = 0.4, 0.004, 1e4, 500.0
+
+    def build(model: Any) -> None:
+        for name, bottom, size, cells in (
+            ("low", -height, height, (5, 2)),
+            ("sheet", 0.0, thickness, (16, 1)),
+            ("up", thickness, height, (4, 2)),
+        ):
+            width = 1.2 if name == "sheet" else 1.0
+            corner = (-width / 2, bottom)
+            parts.add_rectangle(model, name, corner=corner, size=(width, size), cells=cells)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    damping = 2.0 if scheme is nts.CentralDifference else 20.0
+    soft = nts.NeoHookean(modulus, 0.0, 1e3, mass_damping=damping)
+    stiff = nts.NeoHookean(100 * modulus, 0.0, 1e3, mass_damping=damping)
+    bodies = [
+        nts.Body(V, cells, tag[name], stiff if name == "sheet" else soft)
+        for name in ("low", "sheet", "up")
+    ]
+    bottom = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], -height))
+    top = nts.Surface(V, facets, tag["up_top"])
+    dt = None if scheme is nts.CentralDifference else 0.02
+    stepper = scheme(
+        bodies,
+        nts.all_pairs(bodies),
+        dt=dt,
+        bcs=[fem.dirichletbc(np.zeros(2), bottom, V)],
+        loads=[nts.Pressure(top, lambda t: pressure * min(t, 1.0))],
+    )
+    diagnostics, until = nts.Diagnostics(stepper), 1.2 if dt is None else 3.0
+    *_, last = stepper.run(until=until)
+    assert last.reactions[0].force[1] > 0.8 * pressure
+    # Springs as soft as the cells of the pads are compressed by 0.5 and 4.5 times the thickness.
+    assert -diagnostics.min_gap() < 0.4 * thickness

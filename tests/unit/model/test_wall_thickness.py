@@ -1,0 +1,64 @@
+"""Thickness of bodies behind their facets, against closed forms."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+from dolfinx_nts.model.wall_thickness import wall_thickness
+
+RUBBER = nts.NeoHookean(1e5, 0.3, 1e3)
+SIZE = (0.8, 0.6, 0.1)
+
+
+def middles(surface):
+    X = surface.V.tabulate_dof_coordinates()
+    return X[surface.segments].mean(axis=1)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_box_is_as_thick_as_its_opposite_faces_are_apart(comm, dim, agree):
+    size = SIZE[:1] + SIZE[2:] if dim == 2 else SIZE
+    add = parts.add_rectangle if dim == 2 else parts.add_box
+
+    def fill(model):
+        add(model, "sheet", corner=(0,) * dim, size=size, cells=(4, 3, 2)[:dim])
+        # Another body touches it, and does not count.
+        other = (0,) * (dim - 1) + (-0.4,)
+        add(model, "pad", corner=other, size=(*size[:-1], 0.4), cells=(2, 2, 2)[:dim])
+
+    mesh, cells, _, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+    sheet = nts.boundary_of(nts.Body(V, cells, tag["sheet"], RUBBER))
+    expected = np.full(len(sheet.segments), np.nan)
+    at = middles(sheet)
+    for axis in range(dim):
+        on_face = np.isclose(at[:, axis], 0) | np.isclose(at[:, axis], size[axis])
+        expected[on_face] = size[axis]
+    found = wall_thickness(sheet, 10.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    np.testing.assert_allclose(wall_thickness(sheet, 0.3), np.fmin(expected, 0.3), rtol=1e-5)
+    assert agree(np.isfinite(found).all())
+
+
+@pytest.mark.serial
+def test_wedge_is_thinner_towards_its_tip(comm):
+    slope = 0.5
+
+    def fill(model):
+        corners = [model.occ.addPoint(*point, 0) for point in ((0, 0), (1, 0), (1, slope))]
+        edges = [model.occ.addLine(a, b) for a, b in zip(corners, corners[1:] + corners[:1])]
+        model.occ.addPlaneSurface([model.occ.addCurveLoop(edges)])
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [1], name="wedge")
+        model.mesh.setSize(model.getEntities(0), 0.05)
+        model.mesh.generate(2)
+
+    mesh, cells, _, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    body = nts.Body(V, cells, tag["wedge"], RUBBER)
+    bottom = nts.boundary_of(body, where=lambda x: x[1] < 1e-9)
+    np.testing.assert_allclose(
+        wall_thickness(bottom, 2.0), slope * middles(bottom)[:, 0], rtol=1e-4
+    )
