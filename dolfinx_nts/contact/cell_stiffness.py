@@ -36,8 +36,8 @@ SOFT = 5 / 3
 # stiff.
 _BEYOND_WAVES = 1.5
 # Largest height of a layer relative to the thickness of the other body [-]. Larger: nodes sink
-# through sheets under smaller loads, with 3 where layers are compressed by a tenth; smaller: springs
-# are stiffer than the cells, and scatter, between bodies of few cells.
+# through sheets under smaller loads, with 3 where layers are compressed by a tenth; smaller:
+# springs are stiffer than the cells, and scatter, between bodies of few cells.
 _THICK = 3.0
 # Relative difference of layers that counts as zero [-], larger than round-off.
 _EQUAL = 1e-6

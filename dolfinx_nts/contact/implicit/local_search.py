@@ -11,8 +11,8 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES, Tied
-from dolfinx_nts.contact.implicit.pairing import NodePairing, Pairing
 from dolfinx_nts.contact.history import NEVER
+from dolfinx_nts.contact.implicit.pairing import NodePairing, Pairing
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.method import NODES

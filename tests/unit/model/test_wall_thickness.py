@@ -48,7 +48,7 @@ def test_wedge_is_thinner_towards_its_tip(comm):
 
     def fill(model):
         corners = [model.occ.addPoint(*point, 0) for point in ((0, 0), (1, 0), (1, slope))]
-        edges = [model.occ.addLine(a, b) for a, b in zip(corners, corners[1:] + corners[:1])]
+        edges = [model.occ.addLine(corners[i], corners[(i + 1) % 3]) for i in range(3)]
         model.occ.addPlaneSurface([model.occ.addCurveLoop(edges)])
         model.occ.synchronize()
         model.addPhysicalGroup(2, [1], name="wedge")

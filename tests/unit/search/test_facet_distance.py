@@ -36,7 +36,8 @@ def distance(facets, others):
 def test_no_near_facet_is_missed(k, rng):
     found = np.zeros(2, dtype=int)
     for _ in range(300):
-        centres = rng.uniform(-1, 1, (2, 4, 1, 3)) + [[[[0, 0, 0]]], [[[0.8, 0.3, 0.4]]]]
+        centres = rng.uniform(-1, 1, (2, 4, 1, 3))
+        centres[1] += [0.8, 0.3, 0.4]
         sides = centres + rng.uniform(-0.3, 0.3, (2, 4, k, 3))
         if k == 2:
             sides[..., 2] = 0
@@ -51,7 +52,7 @@ def test_no_near_facet_is_missed(k, rng):
 @pytest.mark.parametrize("k", [2, 3, 4])
 def test_distance_of_parallel_facets_is_exact_in_any_frame(k, rng):
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])[:k] - [0.2, 0.3, 0]
-    facets = np.array([corners, corners + [1, 0, 0]], dtype=float)
+    facets = np.stack([corners, corners + np.array([1, 0, 0])])
     up = np.array([0, 0.1, 0] if k == 2 else [0, 0, 0.1])
     for angle in (None, *range(5)):
         both = np.stack([facets, facets + up + [0.4, 0, 0]])
