@@ -23,10 +23,18 @@ from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected, log_shared_nodes
 from dolfinx_nts.model.moduli import least_moduli
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
-from dolfinx_nts.model.surfaces import FINE, Smooth, Surface, boundary_facets, facing_segments
+from dolfinx_nts.model.surfaces import (
+    FINE,
+    Smooth,
+    Surface,
+    boundary_facets,
+    facet_size_towards,
+    facing_segments,
+)
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.edges.rigid_edge_search import num_sharp_edges
+from dolfinx_nts.search.kinks import arc_length
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
@@ -90,16 +98,18 @@ def all_pairs(
 ) -> list[ContactPair]:
     """Contact pairs between all bodies, and with obstacles. Collective.
 
-    n bodies need n - 1 pairs. Bodies are sorted by the lower quartile of the diameters of their
-    facets that face other bodies, since meshes are refined where contact is expected. The first
-    pair has the nodes of the finer half and the segments of the coarser half; further pairs divide
-    each half again. Of two meshes whose facets differ by less than half, the mesh of a body fifteen
-    times as stiff counts as coarser: its nodes would have alternating pressures, and its vertices
-    would penetrate between the nodes of the softer body. Bodies that share nodes count as one; a
-    warning names bodies that share nodes but no facet. There is one pair for each obstacle, and one
-    for each self contact. The name of a pair of two bodies contains their names; pairs of more
-    bodies are numbered. Names depend neither on stiffness nor on facet sizes. The pairs are logged,
-    and `Diagnostics.between` has the forces between each two bodies.
+    n bodies need n - 1 pairs, and more if some are rigid. Bodies are sorted by the lower quartile
+    of the diameters of their facets that face other bodies, since meshes are refined where contact
+    is expected. The first pair has the nodes of the finer half and the segments of the coarser
+    half; further pairs divide each half again. Of two meshes whose facets differ by less than half,
+    the mesh of a body fifteen times as stiff counts as coarser: its nodes would have alternating
+    pressures, and its vertices would penetrate between the nodes of the softer body. Rigid bodies
+    provide segments, except round ones with finer facets, of which a facet of the other body would
+    cover more than a quarter radian: their nodes have node-to-segment contact. Bodies that share
+    nodes count as one; a warning names bodies that share nodes but no facet. There is one pair for
+    each obstacle, and one for each self contact. The name of a pair of two bodies contains their
+    names; pairs of more bodies are numbered. Names depend neither on stiffness nor on facet sizes.
+    The pairs are logged, and `Diagnostics.between` has the forces between each two bodies.
 
     Args:
         bodies: Bodies of one space.
@@ -144,19 +154,29 @@ def all_pairs(
     comm = bodies[0].V.mesh.comm
     softest = reductions.least(comm, float(moduli.min(initial=np.inf)))
 
+    def facing(group: Sequence[Body]) -> list[Surface]:
+        return [surface(*group), *(surface(*each) for each in separate if each is not group)]
+
     def coarseness(group: Sequence[Body]) -> float:
-        own, others = surface(*group), [surface(*each) for each in separate if each is not group]
-        lengths, faces = facing_segments(own, *others)
+        lengths, faces = facing_segments(*facing(group))
         # Of connected bodies, only those whose facets face other bodies determine the size.
-        modulus = float(np.median(joined(comm, moduli[own.segments].max(axis=1))[faces]))
-        # Rigid facets provide segments, as their nodes resolve the contact area less well.
+        of_facets = joined(comm, moduli[surface(*group).segments].max(axis=1))
+        modulus = float(np.median(of_facets[faces]))
         if modulus == np.inf:
             return math.inf
         weight = min((modulus / softest) ** _BY_STIFFNESS, _SIMILAR) if softest > 0 else 1.0
         # Rounded, so that equal bodies keep their order in the list.
         return float(f"{np.quantile(lengths[faces], FINE) * weight:.6g}")
 
-    groups = sorted(separate, key=coarseness)
+    coarse = {id(group): coarseness(group) for group in separate}
+    # Rigid facets provide segments, as their nodes resolve the contact area less well, unless they
+    # are so round that facets of the other body do not resolve them.
+    coarsest = max((size for size in coarse.values() if size < np.inf), default=0.0)
+    for group in separate:
+        if coarse[id(group)] == np.inf and method != MORTAR:
+            least = max(arc_length(*facing(group)), facet_size_towards(*facing(group)))
+            coarse[id(group)] = float(f"{least:.6g}") if least < coarsest else math.inf
+    groups = sorted(separate, key=lambda group: coarse[id(group)])
     pairs: list[ContactPair] = []
 
     def add(
@@ -192,12 +212,17 @@ def all_pairs(
             return "all bodies"
         return ", ".join(body.name for body in bodies if body in some)
 
-    halves = [(list(chain(*finer)), list(chain(*coarser))) for finer, coarser in _halves(groups)]
+    halves = list(_halves(groups))
     for finer, coarser in halves:
-        add(finer, coarser, method)
+        is_round = [math.isfinite(coarse[id(group)]) and group[0].is_rigid for group in finer]
+        for nodes_touch in (False, True):
+            some = [each for each, flag in zip(finer, is_round, strict=True) if flag == nodes_touch]
+            if some:
+                add(list(chain(*some)), list(chain(*coarser)), NODES if nodes_touch else method)
     for two in halves if edges else []:
-        if all(num_sharp_edges(surface(*some)) for some in two):
-            add(*two, EDGES)
+        finer, coarser = (list(chain(*some)) for some in two)
+        if num_sharp_edges(surface(*finer)) and num_sharp_edges(surface(*coarser)):
+            add(finer, coarser, EDGES)
     for obstacle in instances(Obstacle, obstacles):
         add(bodies, obstacle)
         if edges and num_sharp_edges(obstacle) and num_sharp_edges(surface(*bodies)):

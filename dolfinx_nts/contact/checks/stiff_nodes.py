@@ -10,6 +10,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.moduli import least_moduli
 from dolfinx_nts.model.surfaces import Surface, facet_size_towards
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.kinks import arc_length
 
 __all__ = ["warn_of_stiff_nodes"]
 
@@ -44,7 +45,8 @@ def warn_of_stiff_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) ->
             continue
         two = pair.nodes, pair.segments
         sizes = facet_size_towards(*two), facet_size_towards(*two[::-1])
-        if sizes[1] < _FINER * sizes[0] or comm.rank:
+        # Facets of the softer body would not resolve a rounder one.
+        if sizes[1] < _FINER * sizes[0] or arc_length(*two) < sizes[1] or comm.rank:
             continue
         _logger.warning(
             "nodes of contact between %s are on the stiffer body, and its facets are no longer "

@@ -1,0 +1,77 @@
+"""Rigid round bodies with finer facets than the body that they bend: roles by `all_pairs`."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+from dolfinx_nts.search.kinks import arc_length
+
+pytestmark = pytest.mark.at_most_two_ranks
+
+SPAN, HEIGHT, RADIUS, DEFLECTION, E = 2.0, 0.05, 0.1, 0.02, 1e4
+
+
+def bending(comm, cells, facets, degree=2):
+    """Forces on three rigid rollers that bend a beam, relative to beam theory."""
+    centres = (
+        (-SPAN / 2, -HEIGHT / 2 - RADIUS),
+        (SPAN / 2, -HEIGHT / 2 - RADIUS),
+        (0.0, HEIGHT / 2 + RADIUS),
+    )
+
+    def build(model):
+        length = 1.3 * SPAN
+        corner = (-length / 2, -HEIGHT / 2)
+        add = parts.add_rectangle
+        add(model, "beam", corner=corner, size=(length, HEIGHT), cells=(cells, 4 // degree**2))
+        occ = model.occ
+        for number, centre in enumerate(centres):
+            inner, outer = ([(2, occ.addDisk(*centre, 0, r, r))] for r in (0.04, RADIUS))
+            (surface,), _ = occ.cut(outer, inner)
+            occ.synchronize()
+            model.addPhysicalGroup(2, [surface[1]], name=f"roller {number}")
+            for _, curve in model.getBoundary([surface], oriented=False):
+                model.mesh.setTransfiniteCurve(curve, facets + 1)
+            model.mesh.setRecombine(*surface)
+        model.mesh.generate(2)
+
+    mesh, cell_tags, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", degree, (2,)))
+    beam = nts.Body(V, cell_tags, tag["beam"], nts.SaintVenantKirchhoff(E, 0.0, 1.0))
+    down = nts.Motion(lambda t: (0.0, -DEFLECTION * t))
+    guides = nts.Guide(), nts.Guide(), nts.Guide(motion=down)
+    rollers = [
+        nts.RigidBody(V, cell_tags, tag[f"roller {i}"], rho=1.0, guide=guide)
+        for i, guide in enumerate(guides)
+    ]
+
+    def middle(x):
+        return (abs(x[0]) < 1e-6) & (abs(x[1] + HEIGHT / 2) < 1e-9)
+
+    along, _ = V.sub(0).collapse()
+    dofs = fem.locate_dofs_geometrical((V.sub(0), along), middle)
+    bcs = [fem.dirichletbc(fem.Function(along), dofs, V.sub(0))]
+    bodies = [beam, *rollers]
+    pairs = nts.all_pairs(bodies)
+    stepper = nts.QuasiStatic(bodies, pairs, dt=0.25, bcs=bcs)
+    *_, last = stepper.run(until=1.0)
+    theory = 48 * E * HEIGHT**3 / 12 / SPAN**3 * DEFLECTION
+    return [reaction.force[1] / theory for reaction in last.reactions[-3:]], pairs, rollers
+
+
+@pytest.mark.parametrize(("cells", "facets"), [(26, 32), (26, 64)])
+def test_bar_of_coarse_cells_is_bent_over_rigid_rollers(comm, cells, facets):
+    """With nodes of the bar alone the force was 0 to 0.9 of that of beam theory."""
+    forces, pairs, rollers = bending(comm, cells, facets)
+    assert sorted(forces) == pytest.approx([-1.0, 0.5, 0.5], rel=0.01)
+    assert {pair.method for pair in pairs} == {"node-to-segment"}
+    assert arc_length(nts.boundary_of(rollers[0])) == pytest.approx(np.inf)
+    outer = nts.boundary_of(rollers[0], where=lambda x: x[1] < -1.6 * RADIUS - HEIGHT / 2)
+    assert 0.4 < arc_length(outer) / (0.25 * RADIUS) < 1.1
+
+
+def test_rollers_give_the_segments_if_the_facets_of_the_bar_resolve_them(comm):
+    _, pairs, _ = bending(comm, 156, 64)
+    assert "mortar" in {pair.method for pair in pairs}
