@@ -83,8 +83,8 @@ class Hyperelastic(StrainEnergy):
         parameters: Numbers by name, read-only.
 
     Raises:
-        TypeError: ``psi`` cannot be called, or converts its arguments to Python numbers; or a
-            branch is not a pair of numbers.
+        TypeError: ``psi`` cannot be called, is a function of F, or converts its arguments to Python
+            numbers; or a branch is not a pair of numbers.
         ValueError: A number is not finite or has the wrong sign. ``psi`` is not a scalar, or
             without fields is not twice differentiable or not least at C = 1. ``one_point`` names
             no parameter or all of them, or ``psi`` is not the sum of both parts. With
@@ -296,7 +296,13 @@ class Hyperelastic(StrainEnergy):
 
 
 def _check_parameters(psi: Callable[..., Any], parameters: Mapping[str, float]) -> None:
-    """Raise unless an energy takes exactly the given parameters."""
+    """Raise unless an energy takes the tensor C, and exactly the given parameters."""
+    first = next(iter(signature(psi).parameters), "")
+    if first == "F":
+        raise TypeError(
+            "expected an energy of the right Cauchy-Green tensor C = F^T F, given one of F: write "
+            "psi(C, ...) with, for instance, tr(C) for F : F and sqrt(det(C)) for det(F)"
+        )
     try:
         signature(psi).bind(None, **parameters)
     except TypeError as error:

@@ -177,8 +177,8 @@ def test_a_choice_of_the_user_has_to_fail_before_another_takes_its_place(
     assert stepper.statistics.solver.preconditioner == "CHOLESKY"
     said = [(r.levelno, r.getMessage()) for r in caplog.records]
     text = (
-        "JACOBI of petsc_options fails, and stronger factors replace it: harmless for the "
-        "results, but omit the option, or choose another one, to save time"
+        "the preconditioner JACOBI of petsc_options fails, and stronger factors replace it: "
+        "harmless for the results, but omit the option, or choose another one, to save time"
     )
     assert said == ([(logging.WARNING, text)] if comm.rank == 0 else [])
     np.testing.assert_allclose(positions(stepper), default[0], atol=AGREEMENT)
