@@ -133,8 +133,8 @@ class ExactObstacle(Obstacle):
 
         Returns:
             Gap, positive outside the obstacle, shape ``(m,)`` [m], and outward unit normal, the
-            gradient of the gap, shape ``(m, 3)``. A normal that is not unique may be NaN. Far from
-            the surface the gap may be smaller in magnitude than the distance, but not larger: it is
+            gradient of the gap, shape ``(m, 3)``. A normal that is not unique may be NaN. Outside,
+            far from the surface, the gap may be smaller than the distance, but not larger: it is
             the step length along paths of nodes (sphere tracing).
         """
 
