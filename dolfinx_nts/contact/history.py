@@ -42,8 +42,8 @@ class ContactHistory:
         gap: Gap to the segment, NaN without one, shape ``(n,)`` [m].
         offset: Gap at which a penalty spring begins, shape ``(n,)`` [m].
         soft_depth: Compression beyond which a penalty spring is stiffer, shape ``(n,)`` [m].
-        part: Fraction of the stiffness of the penalty spring that acts at a node on an edge, shape
-            ``(n,)`` [-].
+        part: Fraction of the stiffness of the penalty spring of a node that acts, shape ``(n,)``
+            [-]: less than 1 at edges, and above segments softer than the stiffest one.
         normal: Unit normal of the segment at nodes that touch or may touch, otherwise 0, shape
             ``(n, 3)``.
         traction: Cartesian traction of friction, against the motion, shape ``(n, 3)`` [N].

@@ -271,8 +271,9 @@ class ContactPair(Declaration):
         """State of the pair in the only stepper that uses it."""
         if len(self._states) != 1:
             raise ValueError(
-                f"expected a contact pair of one stepper, given one of {len(self._states)}: use "
-                "the item of stepper.contacts for this pair"
+                f"expected a contact pair of one stepper, given one of {len(self._states)} "
+                "steppers: use the item of stepper.contacts for this pair, as long as the stepper "
+                "exists"
             )
         state: AcceptedContact = next(iter(self._states))
         return state
