@@ -93,7 +93,7 @@ class LagrangeMultiplier(Declaration):
 
     @property
     def part(self) -> float:
-        """Fraction of its ballistic approach that an active node makes, (1 - e)/2 [-]. Local."""
+        """Weight (1 - e)/2 of the ballistic change of the gap in the reference gap [-]. Local."""
         return (1 - self.e) / 2
 
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:

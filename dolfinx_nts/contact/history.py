@@ -20,10 +20,10 @@ __all__ = [
     "without_friction",
 ]
 
-# Key of a node without a segment at the start, or after displacements were set: its spring may be
-# loaded initially.
+# Key of a node without a segment at the start of a run, or after displacements were set. Its spring
+# may be loaded initially.
 NEVER = -2
-# Key of such a node if the bodies of both sides do not overlap: its spring is not loaded initially.
+# The same if the bodies of both sides do not overlap. Its spring is not loaded initially.
 APART = -3
 
 

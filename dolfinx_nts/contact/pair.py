@@ -48,7 +48,7 @@ class AcceptedContact(Protocol):
 
     @property
     def nodes(self) -> Surface:
-        """Surface of the nodes, without facets on seams (see `contact.seams`). Local."""
+        """Surface of the nodes, without facets between fastened bodies (`contact.seams`). Local."""
 
     @property
     def history(self) -> ContactHistory:
@@ -260,7 +260,7 @@ class ContactPair(Declaration):
         return None if len(own) == len(nodes) else np.searchsorted(own, nodes).astype(np.int32)
 
     def _at_nodes(self, state: AcceptedContact, values: Floats, otherwise: float) -> Floats:
-        """Values of a state at the nodes of this pair, ``(n,)``; a constant at nodes on seams."""
+        """Values of a state at all nodes, ``(n,)``; ``otherwise`` at nodes that it leaves out."""
         if (place := self._places(state)) is None:
             return values
         of_all = np.full(len(self.nodes.nodes), otherwise)

@@ -113,8 +113,8 @@ class OverlapWatch:
         return approach
 
     @cached_property
-    def _has_parts(self) -> bool:
-        """Whether both surfaces of a pair belong to one body: overlaps are self-overlaps."""
+    def _touches_itself_by_parts(self) -> bool:
+        """Whether two surfaces of one body form a pair: overlaps are then self-overlaps."""
         return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
 
     @cached_property
@@ -224,7 +224,7 @@ class OverlapWatch:
             overlaps, _ = self.search.find(at, 0.0, t_n + part * (t - t_n), ())
             new = [each for each in overlaps if self._is_new_between_bodies(each)]
             if new:
-                return max(new, key=_part)
+                return max(new, key=_relative_depth)
         return None
 
     def _is_new_between_bodies(self, overlap: Overlap) -> bool:
@@ -273,12 +273,12 @@ class OverlapWatch:
 
     def _report(self, kind: str, overlaps: list[Overlap], t: float) -> None:
         """Report new overlaps of one cause, or postpone the report."""
-        deepest, last = max(overlaps, key=_part), self._reported.get(kind)
+        deepest, last = max(overlaps, key=_relative_depth), self._reported.get(kind)
         self._waiting.setdefault(kind, []).extend(overlaps)
         reaches_cells = any(overlap.cells for overlap in overlaps)
         if (
             last is None
-            or _part(deepest) > _part(last) + _IN_RUN
+            or _relative_depth(deepest) > _relative_depth(last) + _IN_RUN
             or (reaches_cells and not last.cells)
         ):
             self._reported[kind] = deepest
@@ -301,7 +301,9 @@ class OverlapWatch:
         overlaps = [each for each in overlaps if each.depth > least]
         self._allowed = apart + self._allowed_approach
         self._seen, self._clearance = (x, t), float(self._allowed.min())
-        if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):
+        if not self._touches_itself_by_parts and not any(
+            self._between_bodies(each) for each in overlaps
+        ):
             self._clear(x, float((apart + self._passing_approach).min()))
         for overlap in overlaps:
             names = frozenset(overlap.names)
@@ -337,7 +339,7 @@ class OverlapWatch:
         """
         if self._bodies[0].V.mesh.comm.rank:
             return
-        inner, outer = (deepest := max(overlaps, key=_part)).names
+        inner, outer = (deepest := max(overlaps, key=_relative_depth)).names
         number = len({frozenset(overlap.names) for overlap in overlaps}) - 1
         others = f", and {number} more by less" * (number > 0)
         text = f"{inner} {verb} {_described(deepest)}{others}"
@@ -468,7 +470,7 @@ def _by_kind(verdicts: Mapping[Overlap, str]) -> dict[str, list[Overlap]]:
     return kinds
 
 
-def _part(overlap: Overlap) -> float:
+def _relative_depth(overlap: Overlap) -> float:
     """Depth relative to the longest facet, rounded so that it is partition-independent [-]."""
     return round(overlap.depth / overlap.size, 6)
 

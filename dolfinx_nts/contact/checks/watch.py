@@ -132,7 +132,7 @@ class ContactWatch:
         negative_least, greatest = reductions.largest(self._comm, np.array(extremes))
         self.velocity = (greatest - negative_least) / 2
 
-    def free(self, moved: float) -> bool:
+    def skips_check(self, moved: float) -> bool:
         """Register a step if no check is due. Collective.
 
         Vertices and overlaps are updated later by `settle`, as updates in each step would take

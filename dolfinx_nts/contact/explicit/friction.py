@@ -105,7 +105,7 @@ class SpringFriction(Friction):
         t = model.explicit + p[:, None] * model.direction
         on_rows, stored = t, np.einsum("mi,mi->m", t, t) / (2 * eps_T)
         if shares is not None:
-            of_shares = shares.start, shares.point, frames.parts
+            of_shares = shares.start, shares.point, frames.weights
             on_rows = _kernels.spread_tractions(*of_shares, t, len(springs.node))
             stored = shares.spread(stored, len(springs.node))
         force, energy = springs.force, springs.energy

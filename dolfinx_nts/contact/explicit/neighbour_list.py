@@ -279,7 +279,7 @@ class NeighbourList:
             node, segment = near[segment >= 0], segment[segment >= 0]
             normal = np.zeros((len(current), 3))
             normal[node] = contact_normals(candidates, points.take(node), x, segment)
-            arriving = state.facets.pressed_parts(x_in_space, normal)
+            arriving = state.facets.pressed_fractions(x_in_space, normal)
             self.stiffness_fraction = np.where(pressed, self.stiffness_fraction, arriving)
             self.area_fraction = np.where(pressed, self.area_fraction, arriving)
         self._choose(candidates, points, near, current, keys)

@@ -181,7 +181,7 @@ class ContactSprings:
         return SpringForces(candidates.scatter, springs, dissipation, lambda: history)
 
     @property
-    def is_open(self) -> bool:
+    def lacks_penalty(self) -> bool:
         """Whether the default penalty is not chosen yet. Local."""
         return self._state.eps_N is None and self._penalty is None
 

@@ -193,10 +193,10 @@ class QuasiStatic(ImplicitStepper):
         after: list[ContactStep] = []
         solution: newton.Solution
 
-        def attempt(part: float) -> PseudoStep:
+        def attempt(ratio: float) -> PseudoStep:
             nonlocal steps, solution
-            acting = drag if part else None
-            with drag.acting(part, start.guess[:n]):
+            acting = drag if ratio else None
+            with drag.acting(ratio, start.guess[:n]):
                 steps, solution = self._solve(
                     start, problem, all_awake=True, drag=acting, after=after
                 )
@@ -207,7 +207,9 @@ class QuasiStatic(ImplicitStepper):
             )
             if report.converged:
                 wrong = (
-                    self._volume_ratio.inverted() if part else self._rejection(steps, solution, x_n)
+                    self._volume_ratio.inverted()
+                    if ratio
+                    else self._rejection(steps, solution, x_n)
                 )
                 report = replace(report, reason=wrong)
             return PseudoStep(report, increment, self._increment)

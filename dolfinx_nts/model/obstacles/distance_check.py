@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts.common.arguments import is_of_package, kind_of, positive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
 from dolfinx_nts.model.obstacles.user_distance import signed_distance
 
@@ -89,10 +89,10 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
             square = np.einsum("mi,mi->m", slope, slope)[:, None]
             x = x - np.clip(excess[:, None] * slope / square, -size, size)
     gap, normal = _evaluated(obstacle, x)
-    is_near = np.abs(gap - _NEAR * size) < _CLOSE * _NEAR * size
+    is_near: Flags = np.abs(gap - _NEAR * size) < _CLOSE * _NEAR * size
     if passage < np.inf:
         _check_bound(obstacle, start[is_near], height[is_near], x[is_near], gap[is_near])
-    has_normal = np.isfinite(normal).all(axis=1)
+    has_normal: Flags = np.isfinite(np.linalg.norm(normal, axis=1))
     if is_near.any() and not has_normal[is_near].any():
         i = int(np.argmax(is_near))
         raise _error(obstacle, "unit normals near the surface", _text(normal[i]), x[i])

@@ -164,7 +164,7 @@ class ContactSchwarz:
         if version[0] != self._version[0] or self._has_changed(now):
             self._contacts = now
             self._build(version[0])
-            self._width.count_factors(self._part())
+            self._width.count_factors(self._largest_fraction())
         self._version = version
 
     def judge(self, iterations: int, decades: float) -> None:
@@ -232,7 +232,7 @@ class ContactSchwarz:
         self._domain.build(contacts, version, wide=self._width.is_wide)
         self.num_builds += 1
 
-    def _part(self) -> float:
+    def _largest_fraction(self) -> float:
         """Largest fraction on any rank of nodes in the subdomain [-]. Collective."""
         assert self._domain is not None
         part = self._domain.size / max(self._tangent.rows.index_map.size_local, 1)

@@ -136,7 +136,9 @@ def block_on_two(model: Any) -> None:
         ("hard", (1.001, 0), 1),
         ("top", (0, 0.5 + 1e-6), 2.001),
     ):
-        parts.add_rectangle(model, name, corner=corner, size=(width, 0.5), cells=(4 * round(width), 2))
+        parts.add_rectangle(
+            model, name, corner=corner, size=(width, 0.5), cells=(4 * round(width), 2)
+        )
 
 
 @pytest.mark.serial
@@ -162,7 +164,9 @@ def test_laws_of_friction_see_the_whole_area_above_soft_segments_in_explicit_ste
     mesh, cells, _, tag = nts.read_mesh(block_on_two, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     bodies = {
-        name: nts.Body(V, cells, tag[name], nts.NeoHookean(1e4 if name == "soft" else 1e7, 0.3, 1e3))
+        name: nts.Body(
+            V, cells, tag[name], nts.NeoHookean(1e4 if name == "soft" else 1e7, 0.3, 1e3)
+        )
         for name in ("soft", "hard", "top")
     }
     bottom = nts.boundary_of(bodies["top"])

@@ -190,7 +190,9 @@ def test_distance_that_grows_too_fast_is_refused_if_nodes_may_pass_through():
 
 def test_obstacle_without_any_normal_is_refused(rng):
     obstacle = change(lambda gap, normal: (gap, np.nan * normal))
-    with pytest.raises(ValueError, match=r"unit normals near the surface .* given \(nan, nan, nan\)"):
+    with pytest.raises(
+        ValueError, match=r"unit normals near the surface .* given \(nan, nan, nan\)"
+    ):
         check_distance(obstacle, rng.normal(size=(12, 3)), 0.1)
 
 
