@@ -147,7 +147,7 @@ class ContactDerivative:
         self._force.add_to(total, np.einsum("mi,mi->m", self._matrix[:, 0], inputs))
         return of_space(total, motion.start.shape[1])
 
-    def follow(self, motion: ContactMotion, histories: Histories) -> None:
+    def update(self, motion: ContactMotion, histories: Histories) -> None:
         """Replace the perturbations of the histories at the start by those at the end."""
         inputs = self._inputs(motion, histories)
         self._store(np.einsum("moi,mi->mo", self._matrix[:, 1:], inputs), histories)
@@ -164,8 +164,8 @@ class ContactDerivative:
         self._gap.add_to(total, weights)
         return of_space(total, shape[1])
 
-    def back(self, costate: Floats, histories: Histories) -> ContactMotion:
-        """Costates of the start of the step and of the trial motion (adjoint of `follow`).
+    def adjoint(self, costate: Floats, histories: Histories) -> ContactMotion:
+        """Costates of the start of the step and of the trial motion (adjoint of `update`).
 
         Args:
             costate: Costate of the balance of forces, ``(n, d)``.

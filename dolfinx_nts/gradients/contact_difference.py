@@ -110,7 +110,7 @@ class ContactDifference:
             energy = 0.0
             if self._released is not None:
                 self._released.collect(step, last)
-                released, energy = self._released.taken()
+                released, energy = self._released.force_and_energy()
             history = _values(contact_history(step, last))
         finally:
             for member, before in zip(self._members, accepted, strict=True):
@@ -137,7 +137,7 @@ class ContactDifference:
                 "vertices touched: shorter steps help"
             )
 
-    def follow(self, change: Floats, histories: Histories) -> None:
+    def update(self, change: Floats, histories: Histories) -> None:
         """Replace the perturbations of the histories at the start by those at the end. Local."""
         store(self._members, change, histories)
 

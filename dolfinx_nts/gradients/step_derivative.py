@@ -101,7 +101,7 @@ class StepDerivative:
         self._shape = V.dofmap.index_map.size_local, dimension(V)
 
     @contextmanager
-    def whole(self) -> Iterator[None]:
+    def without_sleeping_bodies(self) -> Iterator[None]:
         """Context without sleeping bodies, and without the stabilisation of free bodies. Local."""
         bulk, none = self._bulk, np.empty(0, dtype=np.int32)
         left_out, stabilisation = bulk.leave_out(none, none), bulk.stabilisation
@@ -164,7 +164,7 @@ class StepDerivative:
                 force += (a.force - b.force) / (2 * h)
         u = self._solver.solve(partial(self._product, step), -self._derivatives.free(force))
         for contact in step.contacts:
-            contact.follow(motion._replace(end=u), histories)
+            contact.update(motion._replace(end=u), histories)
         rows = zip(update.of_end, update.of_start, [*update.of_rates], strict=True)
         rates = [
             end * u + begin * start.u + _combined(row, start.rates) for end, begin, row in rows
@@ -173,7 +173,7 @@ class StepDerivative:
             motion = motion._replace(end=u)
             h, *ends = self._differences(step, motion, histories)
             for each, a, b in zip(step.differences, *ends, strict=True):
-                each.follow((a.history - b.history) / (2 * h), histories)
+                each.update((a.history - b.history) / (2 * h), histories)
             if rates:
                 rates[0] = rates[0] + self._impulses(step, u, rates[0], h, ends)
         return MotionState(u, rates, histories)
@@ -247,7 +247,7 @@ class StepDerivative:
         ]
         dt = float(self._rates.dt.value)
         for contact in step.contacts:
-            motion = contact.back(costate, histories)
+            motion = contact.adjoint(costate, histories)
             trial = derivatives.free(motion.trial)
             u = u + motion.start + trial
             rates = [rates[0] + dt * trial, *rates[1:]]

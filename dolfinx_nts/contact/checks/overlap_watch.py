@@ -118,7 +118,7 @@ class OverlapWatch:
         return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
 
     @cached_property
-    def _selves(self) -> frozenset[str]:
+    def _with_self_contact(self) -> frozenset[str]:
         """Boundaries with self-contact, by name."""
         return frozenset().union(*(a & b for _, a, b in self._roles))
 
@@ -231,7 +231,7 @@ class OverlapWatch:
         """Whether an overlap of a pair includes centres of cells for the first time. Local."""
         known = self.deepest.get(frozenset(overlap.names))
         is_new = overlap.cells > 0 and (known is None or known.cells == 0)
-        return is_new and self._between_bodies(overlap) and not self._forgotten(overlap)
+        return is_new and self._between_bodies(overlap) and not self._without_pair(overlap)
 
     def is_pressed(self, overlap: Overlap, pressing: Collection[PairState]) -> bool:
         """Whether one of the ``pressing`` pairs, with force, is between the two bodies. Local."""
@@ -245,7 +245,7 @@ class OverlapWatch:
         nearer = self._allowed if self._seen is None else self.search.approach(x, t, *self._seen)
         if np.any(nearer + self._step > _USED * self._allowed):
             # During a run, self-overlaps are checked only for bodies with self contact.
-            self.check(x, t, self._selves)
+            self.check(x, t, self._with_self_contact)
         else:
             self._clearance = float((self._allowed - nearer).min())
 
@@ -262,12 +262,12 @@ class OverlapWatch:
             new = self._new(x, t, _IN_RUN, self.search.find(x, least, t, selves))
             self._moved = selves is not None
             self._known |= {names: (2 * overlap.depth, overlap.cells) for overlap, names in new}
-            kinds = _by_kind({overlap: self._in_run(overlap) for overlap, _ in new})
+            kinds = _by_kind({overlap: self._cause_in_run(overlap) for overlap, _ in new})
             for kind, overlaps in kinds.items():
                 self._report(kind, overlaps, t)
         if selves is None:
             for kind, overlaps in self._waiting.items():
-                grown = [self._grown(overlap) for overlap in overlaps]
+                grown = [self._deepest_so_far(overlap) for overlap in overlaps]
                 self._warn(f"until t = {t:g} s, ", "was", kind, grown)
             self._waiting.clear()
 
@@ -284,7 +284,7 @@ class OverlapWatch:
             self._reported[kind] = deepest
             self._warn(f"at t = {t:g} s, ", "is", kind, self._waiting.pop(kind))
 
-    def _grown(self, overlap: Overlap) -> Overlap:
+    def _deepest_so_far(self, overlap: Overlap) -> Overlap:
         """Deepest overlap so far of the same two bodies in the same order, including this one."""
         deepest = self.deepest[frozenset(overlap.names)]
         return deepest if deepest.names == overlap.names else overlap
@@ -311,11 +311,11 @@ class OverlapWatch:
                 self.deepest[names], self.deepest_at[names] = overlap, t
             depth, cells = self._known.get(names, (0.0, 0))
             more = overlap.depth - depth - part * overlap.size
-            if (more > 0 and more > self._beneath(overlap, x)) or overlap.cells > 0 == cells:
+            if (more > 0 and more > self._patch_depth(overlap, x)) or overlap.cells > 0 == cells:
                 new.append((overlap, names))
         return new
 
-    def _beneath(self, overlap: Overlap, x: Floats) -> float:
+    def _patch_depth(self, overlap: Overlap, x: Floats) -> float:
         """Largest depth of smooth segments below their facets, which is no overlap [m]."""
         inner, outer = overlap.names
         depths = [
@@ -353,7 +353,7 @@ class OverlapWatch:
         return any(_deepest_loaded(each) > overlap.depth / 2 for each in loaded)
 
     def _at_start(self, overlap: Overlap, x: Floats) -> str:
-        if verdict := self._forgotten(overlap):
+        if verdict := self._without_pair(overlap):
             return verdict
         both = set(overlap.names)
         seen = [
@@ -383,9 +383,9 @@ class OverlapWatch:
             "before the first step"
         )
 
-    def _in_run(self, overlap: Overlap) -> str:
+    def _cause_in_run(self, overlap: Overlap) -> str:
         """Cause of an overlap in a run, and remedy."""
-        if verdict := self._forgotten(overlap):
+        if verdict := self._without_pair(overlap):
             return verdict
         inner, outer = overlap.names
         if overlap.nodes == 0 and self._lacks_edges(overlap):
@@ -445,7 +445,7 @@ class OverlapWatch:
         sides = [side for pair in pairs for side in (pair.nodes, pair.segments)]
         return all(pair.method != EDGES for pair in pairs) and all(map(num_sharp_edges, sides))
 
-    def _forgotten(self, overlap: Overlap) -> str:
+    def _without_pair(self, overlap: Overlap) -> str:
         """Cause and remedy if the bodies of an overlap have no common pair, otherwise ""."""
         one, other = overlap.names
         sides = [side for _, a, b in self._roles for side in ((a, b), (b, a))]

@@ -107,7 +107,7 @@ class FrictionLaw(Declaration):
     Attributes:
         eps_T: Stiffness of the tangential spring of a node [N/m], positive; None, the default, as
             in `Coulomb`.
-        law: Measure of slip, ``"objective"`` or ``"convective"``, see `Coulomb`.
+        law: How slip is measured, ``"objective"`` or ``"convective"``, see `Coulomb`.
         depends_on_slip: Whether the limit depends on the slip of the step. True, the default, is
             always valid. False saves evaluations if the derivative with respect to the slip is zero
             everywhere.
@@ -168,7 +168,7 @@ class Coulomb(FrictionLaw):
             recoverable. None: no spring, so that a sticking node does not slip at all
             (multipliers). With normal contact by springs, None means a tangential spring with the
             smaller one of the static stiffnesses that `Penalty` compares.
-        law: Measure of slip. ``"objective"``: an increment that is quadratic in the positions, so
+        law: How slip is measured. ``"objective"``: an increment that is quadratic in the positions, so
             that dissipation is exact (``cpp/nts/contact/slip.h``). ``"convective"``: the increment
             of the convective coordinates on the segment (Franke, Hesch, Betsch 2011, eqs. 60-64);
             for comparison, only with `Midpoint`, `Penalty` and a deformable counterpart.

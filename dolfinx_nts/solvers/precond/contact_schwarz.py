@@ -37,7 +37,7 @@ _FACTORS, _WIDE_FACTORS = 14.0, 26.0
 _DECADES, _TRIAL_DECADES = 12.0, 24.0
 # Iterations per decade above which the wide subdomain is tried, and largest cost ratio for which it
 # is kept.
-_POOR, _PAYS = 2.0, 0.9
+_SLOW, _PAYS = 2.0, 0.9
 # Lower bound on the decades of a solve, since every solve takes at least one iteration.
 _FEWEST_DECADES = 0.3
 
@@ -75,12 +75,12 @@ class SubdomainWidth:
         self.decades += max(decades, _FEWEST_DECADES)
         if self.is_final or self.decades < (_TRIAL_DECADES if self.is_wide else _DECADES):
             return False
-        was_wide, is_poor = self.is_wide, self.iterations > _POOR * self.decades
+        was_wide, is_slow = self.is_wide, self.iterations > _SLOW * self.decades
         cost = (self.iterations + self.factors) / self.decades
         self.iterations = self.factors = self.decades = 0.0
         if was_wide:
             self.is_wide, self.is_final = cost < _PAYS * self.narrow, True
-        elif is_poor:
+        elif is_slow:
             self.is_wide, self.narrow = True, cost
         return self.is_wide != was_wide
 

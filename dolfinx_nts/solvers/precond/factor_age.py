@@ -35,7 +35,8 @@ _DECADES, _EASIER = 12.0, 0.7
 # Lower bound on the reduction by one application of the preconditioner [-]: unlike a Krylov
 # iteration, it does not scale its result.
 _UNSCALED = 0.1
-# Lower bound on the decades of a solve, since every solve takes at least one iteration.
+# Lower bound on the reduction of the residual in a solve, in decades [-], since every solve takes
+# at least one iteration.
 _FEWEST_DECADES = 0.3
 # Ratio of inertia to stiffness [-] that counts as no inertia.
 _NO_INERTIA = 1e-30

@@ -164,7 +164,7 @@ class StickSlip(Friction):
             t, c, value = self.traction[node], self._stiffness[node], self._slips.of(node)
             motion, trial = value, t + (_SLIP_WEIGHT * c)[:, None] * value
         lags = None if self._has_spring else self._pivoting.changes_singly(node)
-        limiting = self._lagged.pressing(node, p, lags)
+        limiting = self._lagged.normal_forces(node, p, lags)
         known = float(iteration > 0)  # multipliers at the initial guess are meaningless
         if eps_T is not None:
             judged, limit = limits.of_springs(node, p, length_of(trial), c, before)

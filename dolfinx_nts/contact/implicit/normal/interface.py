@@ -14,7 +14,7 @@ from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["NormalContact", "known_nodes", "start_normal_contact"]
+__all__ = ["NormalContact", "eligible_or_excluded", "start_normal_contact"]
 
 # Largest number of times in a step that excluded nodes become eligible [-].
 _MOST_CHOICES = 2
@@ -207,7 +207,7 @@ class NormalContact(ABC):
         return np.zeros(len(self.active))
 
 
-def known_nodes(contact: NormalContact) -> Flags:
+def eligible_or_excluded(contact: NormalContact) -> Flags:
     """Flags of eligible and of excluded nodes, shape ``(n,)``. Local."""
     return contact._eligible | contact._barred
 
