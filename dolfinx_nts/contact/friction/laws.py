@@ -168,10 +168,11 @@ class Coulomb(FrictionLaw):
             recoverable. None: no spring, so that a sticking node does not slip at all
             (multipliers). With normal contact by springs, None means a tangential spring with the
             smaller one of the static stiffnesses that `Penalty` compares.
-        law: How slip is measured. ``"objective"``: an increment that is quadratic in the positions, so
-            that dissipation is exact (``cpp/nts/contact/slip.h``). ``"convective"``: the increment
-            of the convective coordinates on the segment (Franke, Hesch, Betsch 2011, eqs. 60-64);
-            for comparison, only with `Midpoint`, `Penalty` and a deformable counterpart.
+        law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
+            positions, so that dissipation is exact (``cpp/nts/contact/slip.h``). ``"convective"``:
+            by the increment of the convective coordinates on the segment (Franke, Hesch, Betsch
+            2011, eqs. 60-64); for comparison, only with `Midpoint`, `Penalty` and a deformable
+            counterpart.
 
     Attributes:
         mu, eps_T, law: The arguments.
