@@ -167,7 +167,7 @@ class Coulomb(FrictionLaw):
         eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is
             recoverable. None: no spring, so that a sticking node does not slip at all
             (multipliers). With normal contact by springs, None means a tangential spring with the
-            smaller one of the static stiffnesses that `Penalty` compares.
+            static stiffness of the softer node.
         law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
             positions, so that dissipation is exact (``cpp/nts/contact/slip.h``). ``"convective"``:
             by the increment of the convective coordinates on the segment (Franke, Hesch, Betsch
