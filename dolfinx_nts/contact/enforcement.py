@@ -24,9 +24,11 @@ TOUCHES = 1e-9
 class LagrangeMultiplier(Declaration):
     r"""Exact contact by a Lagrange multiplier at each active node.
 
-    The complementarity of a step on the segment used in it is
+    In each step the multiplier (negative in compression) and the gap of a node to its segment obey
 
-    .. math:: 0 \le -\lambda_N \perp g_{n+1} - g_{ref} \ge 0.
+    .. math:: 0 \le -\lambda_N \perp g_{n+1} - g_{ref} \ge 0,
+
+    with a reference gap that depends on the law of impact.
 
     Args:
         impact: Law of impact of a node. ``"elastic"``: the node keeps its gap at the start of the

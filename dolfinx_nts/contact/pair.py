@@ -97,9 +97,9 @@ class ContactPair(Declaration):
         name: Name in columns and legends; empty for the names of the two sides.
         exchange: Whether vertices on convex edges and corners also have contact: vertices of the
             segments, and with mortar contact or in statics those of the nodes. A vertex
-            that penetrates a face deeply becomes a node, and the face a segment, with the same
-            laws. Deeply means by more than a hundredth of a facet, and by more than the compression
-            of the springs there. In space, edges that cross as deeply touch, also those of a
+            that penetrates a face deeply has contact with this face, with the same laws as a node.
+            Deeply means by more than a hundredth of a facet, and by more than the compression
+            of the springs there. In space, edges that cross as deeply have contact, also those of a
             `RigidSurface`. False is the method of Franke, Hesch and Betsch (2011).
 
     Attributes:

@@ -60,13 +60,13 @@ class Hyperelastic(StrainEnergy):
         mass_damping: Coefficient alpha [1/s].
         stiffness_damping: Coefficient beta [s].
         one_point: Terms with one quadrature point per cell, at the mean deformation gradient of the
-            cell. ``"volumetric"``: the volumetric terms in hexahedra and quadrilaterals of degree
-            1, which prevents volumetric locking. This is the default for a Poisson's ratio of at
-            least 0.3, with fields: in any cell of the body; except for energies with fibres that
-            resist a uniform change of volume. Or names of parameters whose terms of ``psi`` have
-            one point; ``psi`` must be linear in them. ``()`` for none, as in Franke, Hesch and
-            Betsch (2011). Every choice conserves energy, because each point has its own energy and
-            conserving stress.
+            cell (reduced integration). ``"volumetric"``: the volumetric terms in hexahedra and
+            quadrilaterals of degree 1, which prevents volumetric locking. A list of names: the
+            terms of ``psi`` with these parameters, in which ``psi`` must be linear. ``()``: none,
+            as in Franke, Hesch and Betsch (2011). None: ``"volumetric"`` for a Poisson's ratio of
+            at least 0.3 (with Functions in ``psi``, in any cell), otherwise none; also none if
+            fibres resist a uniform change of volume. Every choice conserves energy, because each
+            point has its own energy and conserving stress.
         branches: Pairs of a share [-] and a relaxation time [s], each a spring in series with a
             dashpot, in parallel with the energy. After a sudden change of shape the stress is that
             of ``psi`` times 1 plus the sum of the shares, and relaxes to the stress of ``psi``.
@@ -77,8 +77,8 @@ class Hyperelastic(StrainEnergy):
         branches: A tuple of named tuples with ``share`` [-] and ``relaxation_time`` [s].
         is_sheet: Whether the stress along z vanishes, see `PlaneStress`.
         one_point: Names as given, a frozen set, or the names of the volumetric terms.
-        splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
-            energy of an isotropic change of volume, psi(J^(2/3) 1), has one point.
+        splits_volume: Whether the volumetric terms have one point. If ``one_point`` is then empty,
+            these are the energy of an isotropic change of volume, psi(J^(2/3) 1).
         has_default_rule: Whether ``one_point`` was left out.
         parameters: Numbers by name, read-only.
 

@@ -336,10 +336,10 @@ class Tresca(FrictionLaw):
     """A law of friction with an upper bound on the shear stress, such as the yield stress in shear.
 
     Args:
-        law: The law that is limited; a number is the coefficient of `Coulomb`.
+        law: The law of friction that is limited; a number is the coefficient of `Coulomb`.
         stress: Largest tangential force per reference area [Pa], a number or a Function. The area
-            is the area of the facets around a node, or in mortar contact the part that segments
-            cover.
+            is that of the facets around a node that face the segments, or in mortar contact the
+            area that segments cover.
 
     Attributes:
         stress: The argument.

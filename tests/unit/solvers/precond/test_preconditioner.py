@@ -138,6 +138,10 @@ def test_options_that_nothing_asks_for_are_refused_by_name(comm, refused, option
         ({"ksp_type": "cg"}, "given .*'cg'.*RIGHT"),
         ({"ksp_gmres_restart": "many"}, "given .*: Input string many has no integer value"),
         ({"pc_type": "nosuch"}, "given .*pc_type.*: Unable to find requested PC type nosuch"),
+        (
+            {"pc_type": "python"},
+            r"with a class as pc_python_type, .* given \{'pc_type': 'python'\}",
+        ),
         ({"-pc_type": "lu"}, r"without a leading -, given \['-pc_type'\]"),
         (
             {"pc_type": "python", "pc_python_type": "no_such_module.Factors"},
