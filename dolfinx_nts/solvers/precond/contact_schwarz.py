@@ -30,15 +30,16 @@ _MOST_MOVED, _OTHER_GRADIENT = 0.25, 0.25
 _NEGLIGIBLE = 0.01
 
 # Cost of factors of a narrow and of a wide subdomain with all nodes, in Krylov iterations. The wide
-# one has fill.
+# one has fill-in.
 _FACTORS, _WIDE_FACTORS = 14.0, 26.0
 # Decades of reduction over which costs are measured: about one step, and two steps in the trial,
 # which includes the first factorisation.
 _DECADES, _TRIAL_DECADES = 12.0, 24.0
-# Iterations per decade above which the wide subdomain is tried, and largest cost ratio for which it
+# Iterations per decade of the residual above which the wide subdomain is tried, and largest cost ratio for which it
 # is kept.
-_SLOW, _PAYS = 2.0, 0.9
-# Lower bound on the decades of a solve, since every solve takes at least one iteration.
+_SLOW, _CHEAPER = 2.0, 0.9
+# Lower bound on the reduction of the residual in a solve, in decades [-], since every solve takes
+# at least one iteration.
 _FEWEST_DECADES = 0.3
 
 
@@ -79,7 +80,7 @@ class SubdomainWidth:
         cost = (self.iterations + self.factors) / self.decades
         self.iterations = self.factors = self.decades = 0.0
         if was_wide:
-            self.is_wide, self.is_final = cost < _PAYS * self.narrow, True
+            self.is_wide, self.is_final = cost < _CHEAPER * self.narrow, True
         elif is_slow:
             self.is_wide, self.narrow = True, cost
         return self.is_wide != was_wide

@@ -217,7 +217,7 @@ def test_statistics_name_the_last_factors_where_stronger_ones_are_not_made_yet(c
 
 @pytest.mark.at_most_two_ranks
 def test_slow_iterations_lead_to_factors_with_fill(comm, monkeypatch, default, agree):
-    monkeypatch.setattr("dolfinx_nts.solvers.precond.factor_age._FILL_PAYS", 0.0)
+    monkeypatch.setattr("dolfinx_nts.solvers.precond.factor_age._SLOW_ILU0", 0.0)
     stepper = scenes.blocks(comm).stepper
     for _ in range(NUM_STEPS):
         stepper.advance()
@@ -283,7 +283,7 @@ def test_factors_missing_on_one_rank_are_replaced_by_stronger_ones(comm, monkeyp
 def test_complete_factors_in_single_precision_serve_as_well_as_mumps(comm, monkeypatch, nu):
     # Slow iterations would select them one after the other.
     monkeypatch.setattr(factor_age, "_MOST_CROSSINGS", np.inf)
-    monkeypatch.setattr(factor_age, "_EXACT_PAYS", np.inf)
+    monkeypatch.setattr(factor_age, "_SLOW_NEARBY", np.inf)
     ends, iterations = [], []
     for strength, kind in ((2, "LU in single precision"), (3, "LU")):
         scene = scenes.sliding_blocks(comm, nts.LagrangeMultiplier(), None, n=3, nu=nu)
