@@ -35,8 +35,8 @@ _FACTORS, _WIDE_FACTORS = 14.0, 26.0
 # Decades of reduction over which costs are measured: about one step, and two steps in the trial,
 # which includes the first factorisation.
 _DECADES, _TRIAL_DECADES = 12.0, 24.0
-# Iterations per decade of the residual above which the wide subdomain is tried, and largest cost ratio for which it
-# is kept.
+# Iterations per decade of the residual above which the wide subdomain is tried, and largest cost
+# ratio for which it is kept.
 _SLOW, _CHEAPER = 2.0, 0.9
 # Lower bound on the reduction of the residual in a solve, in decades [-], since every solve takes
 # at least one iteration.
