@@ -74,6 +74,8 @@ def boundary_of(
         >>> round(float(top.area.sum()), 3)  # m^2
         1.0
     """
+    if any(isinstance(body, list | tuple) for body in bodies):
+        raise TypeError("expected bodies one by one, as in boundary_of(*bodies), given a list")
     V = common_space(bodies)
     facets = _exterior_facets(V, np.concatenate([body.cells for body in bodies]))
     automatic = f"the boundary of {' and '.join(body.name for body in bodies)}"

@@ -172,8 +172,8 @@ class Layers:
         means: Floats = self._there[1][candidates.segments].mean(axis=1)[:, :4]
         return means
 
-    def part(self, faced: Floats | None, *, in_series: bool = False) -> Floats:
-        """Stiffness on the segments that nodes face, relative to `stiffness`, ``(m,)`` [-]. Local.
+    def stiffness_fraction(self, faced: Floats | None, *, in_series: bool = False) -> Floats:
+        """Stiffness with the segments that nodes face, divided by `stiffness`, ``(m,)`` [-]. Local.
 
         Args:
             faced: Values of these segments, shape ``(m, 4)``, not finite without a segment; None if
@@ -194,7 +194,7 @@ class Layers:
         springs are soft.
 
         Args:
-            faced: As for `part`.
+            faced: As for `stiffness_fraction`.
 
         Returns:
             At each node, shape ``(m,)``; infinite where nothing deforms.

@@ -24,9 +24,11 @@ TOUCHES = 1e-9
 class LagrangeMultiplier(Declaration):
     r"""Exact contact by a Lagrange multiplier at each active node.
 
-    The complementarity of a step on the segment used in it is
+    In each step the multiplier (negative in compression) and the gap of a node to its segment obey
 
-    .. math:: 0 \le -\lambda_N \perp g_{n+1} - g_{ref} \ge 0.
+    .. math:: 0 \le -\lambda_N \perp g_{n+1} - g_{ref} \ge 0,
+
+    with a reference gap that depends on the law of impact.
 
     Args:
         impact: Law of impact of a node. ``"elastic"``: the node keeps its gap at the start of the
@@ -93,7 +95,7 @@ class LagrangeMultiplier(Declaration):
 
     @property
     def part(self) -> float:
-        """Fraction of its ballistic approach that an active node makes, (1 - e)/2 [-]. Local."""
+        """Weight (1 - e)/2 of the ballistic change of the gap in the reference gap [-]. Local."""
         return (1 - self.e) / 2
 
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
@@ -172,20 +174,25 @@ class Penalty(Declaration):
     is the difference quotient :math:`\lambda_N = (U_{n+1} - U_n)/(g_{n+1} - g_n)`. The
     energy-momentum scheme therefore conserves the energy of bodies and springs.
 
+    Default stiffness, for ``eps_N=None``:
+
+    - In dynamics it is 3/5 of the stiffness of the layer of cells behind the node or the segments,
+      whichever is softer. It does not depend on the length of the steps, so that steps that resolve
+      a cell are of second order in time. Under the pressure of plane waves, rho c v/2 where equal
+      bodies meet at a speed v, springs are compressed by 5/3 of the compression of a cell. Beyond
+      one and a half times this compression they are ten times as stiff: the first slope stops an
+      arriving node, the second one carries other loads. Where nodes arrive slowly, springs have the
+      second slope from the start.
+    - In statics it is ten times the static stiffness of the softer node.
+    - Between bodies that do not deform it is half the mass of the lighter one divided by the square
+      of the first step; a body that strikes at one point then penetrates by about its motion in one
+      or two steps. In statics it is ten times the stiffness of the stiffest deformable node.
+    - `CentralDifference` has linear springs, chosen by the stiffness of the cells at the surfaces.
+
+    A surface with all displacements prescribed counts as rigid.
+
     Args:
-        eps_N: Stiffness of the spring at a node [N/m]. None for 3/5 of the stiffness of the layer
-            of cells behind the node or the segments, whichever is softer; in statics, for ten times
-            the static stiffness of the softer node. It does not depend on the length of the steps,
-            so that steps that resolve a cell are of second order in time. Under the pressure of
-            plane waves, rho c v/2 where equal bodies meet at a speed v, springs are compressed by
-            5/3 of the compression of a cell. Beyond one and a half times this compression they are
-            ten times as stiff, and where nodes arrive slowly they are stiff from the start: the
-            soft part stops the arriving node, the stiff part carries other loads. Between bodies
-            that do not deform, None means half the mass of the lighter one divided by the square of
-            the first step. A body striking at one point then penetrates by about its motion in one
-            or two steps. In statics it means ten times the stiffness of the stiffest deformable
-            node. A surface with all displacements prescribed counts as rigid. `CentralDifference`
-            has linear springs, chosen by the stiffness of the cells at the surfaces.
+        eps_N: Stiffness of the spring at a node [N/m]; None for the default stiffness.
 
     Attributes:
         eps_N: The argument.

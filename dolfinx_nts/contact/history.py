@@ -20,10 +20,10 @@ __all__ = [
     "without_friction",
 ]
 
-# Key of a node without a segment at the start, or after displacements were set: its spring may be
-# loaded initially.
+# Key of a node without a segment at the start of a run, or after displacements were set. Its spring
+# may be loaded initially.
 NEVER = -2
-# Key of such a node if the bodies of both sides do not overlap: its spring is not loaded initially.
+# The same if the bodies of both sides do not overlap. Its spring is not loaded initially.
 APART = -3
 
 
@@ -42,8 +42,8 @@ class ContactHistory:
         gap: Gap to the segment, NaN without one, shape ``(n,)`` [m].
         offset: Gap at which a penalty spring begins, shape ``(n,)`` [m].
         soft_depth: Compression beyond which a penalty spring is stiffer, shape ``(n,)`` [m].
-        part: Fraction of the stiffness of the penalty spring that acts at a node on an edge, shape
-            ``(n,)`` [-].
+        part: Fraction of the stiffness of the penalty spring of a node that acts, shape ``(n,)``
+            [-]: less than 1 at edges, and above segments softer than the stiffest one.
         normal: Unit normal of the segment at nodes that touch or may touch, otherwise 0, shape
             ``(n, 3)``.
         traction: Cartesian traction of friction, against the motion, shape ``(n, 3)`` [N].

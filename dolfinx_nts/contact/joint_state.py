@@ -114,7 +114,7 @@ class JointState(NodesOfPairs):
         """Accept the contact of a step, and store the entries of each pair. Local."""
         self._history, self._accepted = history, []
         for state, (start, end) in zip(self.members, pairwise(self.ends), strict=True):
-            state.accept(partial(_part, history, slice(start, end)))
+            state.accept(partial(_own_history, history, slice(start, end)))
             self._accepted.append(state.accepted)
 
 
@@ -180,7 +180,7 @@ def _joint_history(histories: Sequence[ContactHistory]) -> ContactHistory:
     return ContactHistory(**arrays)
 
 
-def _part(history: ContactHistory, own: slice) -> ContactHistory:
+def _own_history(history: ContactHistory, own: slice) -> ContactHistory:
     arrays: dict[str, Array] = {
         field.name: getattr(history, field.name)[own] for field in fields(ContactHistory)
     }

@@ -48,7 +48,7 @@ class AcceptedContact(Protocol):
 
     @property
     def nodes(self) -> Surface:
-        """Surface of the nodes, without facets on seams (see `contact.seams`). Local."""
+        """Surface of the nodes, without facets between fastened bodies (`contact.seams`). Local."""
 
     @property
     def history(self) -> ContactHistory:
@@ -97,9 +97,9 @@ class ContactPair(Declaration):
         name: Name in columns and legends; empty for the names of the two sides.
         exchange: Whether vertices on convex edges and corners also have contact: vertices of the
             segments, and with mortar contact or in statics those of the nodes. A vertex
-            that penetrates a face deeply becomes a node, and the face a segment, with the same
-            laws. Deeply means by more than a hundredth of a facet, and by more than the compression
-            of the springs there. In space, edges that cross as deeply touch, also those of a
+            that penetrates a face deeply has contact with this face, with the same laws as a node.
+            Deeply means by more than a hundredth of a facet, and by more than the compression
+            of the springs there. In space, edges that cross as deeply have contact, also those of a
             `RigidSurface`. False is the method of Franke, Hesch and Betsch (2011).
 
     Attributes:
@@ -260,7 +260,7 @@ class ContactPair(Declaration):
         return None if len(own) == len(nodes) else np.searchsorted(own, nodes).astype(np.int32)
 
     def _at_nodes(self, state: AcceptedContact, values: Floats, otherwise: float) -> Floats:
-        """Values of a state at the nodes of this pair, ``(n,)``; a constant at nodes on seams."""
+        """Values of a state at all nodes, ``(n,)``; ``otherwise`` at nodes that it leaves out."""
         if (place := self._places(state)) is None:
             return values
         of_all = np.full(len(self.nodes.nodes), otherwise)
@@ -271,8 +271,9 @@ class ContactPair(Declaration):
         """State of the pair in the only stepper that uses it."""
         if len(self._states) != 1:
             raise ValueError(
-                f"expected a contact pair of one stepper, given one of {len(self._states)}: use "
-                "the item of stepper.contacts for this pair"
+                f"expected a contact pair of one stepper, given one of {len(self._states)} "
+                "steppers: use the item of stepper.contacts for this pair, as long as the stepper "
+                "exists"
             )
         state: AcceptedContact = next(iter(self._states))
         return state

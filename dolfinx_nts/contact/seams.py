@@ -1,7 +1,7 @@
-"""Seams: facets of a surface that are covered by another body, which is fastened to their body.
+"""Seams: the facets between bodies that cannot move relative to each other.
 
-Nothing can touch such facets. A node that slides over the seam with a small penetration would get
-them as segments.
+Such bodies are tied, or rigid with equal guides. Nothing can touch these facets. A node that slides
+over the seam with a small penetration would get them as segments.
 """
 
 from collections.abc import Callable, Sequence
@@ -57,7 +57,7 @@ def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple
     for i, j in np.argwhere(fastened):
         together[number[bodies[i]], number[bodies[j]]] = True
 
-    def rest(surface: Surface) -> Surface:
+    def without_covered(surface: Surface) -> Surface:
         """Surface without facets on seams; unchanged if none or all facets are on seams."""
         facets, cells, points = _in_front(surface)
         covered: Flags = np.zeros(len(facets), dtype=bool)
@@ -81,16 +81,18 @@ def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple
         first, second = (_bodies_of(bodies, side) for side in (pair.nodes, pair.segments))
         return not fastened[np.ix_(first, second)].any()
 
-    return tuple(with_surfaces(pair, rest) if may_cross(pair) else pair for pair in pairs)
+    return tuple(
+        with_surfaces(pair, without_covered) if may_cross(pair) else pair for pair in pairs
+    )
 
 
-def with_surfaces(pair: ContactPair, rest: Callable[[Surface], Surface]) -> ContactPair:
-    """Copy of a pair with parts of its surfaces; the pair itself if they are whole. Collective.
+def with_surfaces(pair: ContactPair, reduced: Callable[[Surface], Surface]) -> ContactPair:
+    """Copy of a pair with reduced surfaces; the pair itself if nothing is left out. Collective.
 
-    ``rest`` returns the part of a surface, or the surface itself.
+    ``reduced`` returns a surface with fewer facets, or the surface itself.
     """
     sides = {
-        name: rest(side)
+        name: reduced(side)
         for name in ("nodes", "segments")
         if isinstance(side := getattr(pair, name), Surface)
     }

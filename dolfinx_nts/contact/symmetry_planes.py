@@ -46,7 +46,7 @@ def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[
     is_fixed = _fixed_components(pairs[0].nodes, fixed)
     planes_of = cache(lambda surface: _planes(surface, is_fixed))
 
-    def rest(surface: Surface, other: Surface) -> Surface:
+    def without_shared_planes(surface: Surface, other: Surface) -> Surface:
         """Surface without the facets on planes that both surfaces share, unless none is left."""
         own, (others, _) = planes_of(surface), planes_of(other)
         if not len(others):
@@ -64,7 +64,9 @@ def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[
         if isinstance(pair.enforcement, Tied) or not isinstance(other, Surface):
             return pair
         both = {pair.nodes: other, other: pair.nodes}
-        return with_surfaces(pair, cache(lambda surface: rest(surface, both[surface])))
+        return with_surfaces(
+            pair, cache(lambda surface: without_shared_planes(surface, both[surface]))
+        )
 
     return tuple(map(between, pairs))
 

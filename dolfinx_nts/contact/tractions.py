@@ -53,14 +53,14 @@ class Tractions(ABC):
         """
         if self.pair.method == MORTAR:
             return self.history.area
-        return self.nodes.area * self._facing_parts(_normal_forces(self.history))
+        return self.nodes.area * self._facing_fractions(_normal_forces(self.history))
 
     @property
     def pressure(self) -> Floats:
         reverse = self._forces_of_reverse_passes(_normal_forces)
-        part = self._facing_parts(_normal_forces(self.history) + reverse)
-        own = self.search.per_area(-self.history.lambda_N, part, self.history.area)
-        return own + self._on_facets(np.linalg.norm(reverse, axis=1), part)
+        facing = self._facing_fractions(_normal_forces(self.history) + reverse)
+        own = self.search.per_area(-self.history.lambda_N, facing, self.history.area)
+        return own + self._on_facets(np.linalg.norm(reverse, axis=1), facing)
 
     @property
     def traction(self) -> Floats:
@@ -69,35 +69,38 @@ class Tractions(ABC):
         In mortar contact all facets around the nodes count, otherwise those that face the contact.
         """
         force = self.history.force + self._forces_of_reverse_passes(lambda history: history.force)
-        return self._on_facets(force, self._parts_of_passes())
+        return self._on_facets(force, self._facing_fractions_of_passes())
 
     @property
     def friction_traction(self) -> Floats:
         """Friction per area of the pressure, ``(n, 3)`` [Pa]. Collective."""
-        part, reverse = self._parts_of_passes(), self._forces_of_reverse_passes(_friction)
-        own = self.search.per_area(_friction(self.history), part, self.history.area)
-        return own + self._on_facets(reverse, part)
+        facing, reverse = (
+            self._facing_fractions_of_passes(),
+            self._forces_of_reverse_passes(_friction),
+        )
+        own = self.search.per_area(_friction(self.history), facing, self.history.area)
+        return own + self._on_facets(reverse, facing)
 
-    def _parts_of_passes(self) -> Floats:
+    def _facing_fractions_of_passes(self) -> Floats:
         reverse = self._forces_of_reverse_passes(_normal_forces)
-        return self._facing_parts(_normal_forces(self.history) + reverse)
+        return self._facing_fractions(_normal_forces(self.history) + reverse)
 
-    def _on_facets(self, force: Floats, part: Floats) -> Floats:
+    def _on_facets(self, force: Floats, facing: Floats) -> Floats:
         """Nodal forces per area; in mortar contact the area of all facets of a node. Collective.
 
-        ``part`` is the fraction of it that faces the contact, shape ``(n,)`` [-].
+        ``facing`` is the fraction of it that faces the contact, shape ``(n,)`` [-].
         """
         is_mortar = self.pair.method == MORTAR
-        return self.nodes.per_area(force, None if is_mortar else part * self.nodes.area)
+        return self.nodes.per_area(force, None if is_mortar else facing * self.nodes.area)
 
-    def _facing_parts(self, force: Floats) -> Floats:
+    def _facing_fractions(self, force: Floats) -> Floats:
         """Fractions of the nodal areas opposed to the normal forces, shape ``(n,)`` [-]."""
         if self.pair.method == EDGES:
             return np.ones(len(force))
         presses: Flags = np.abs(force).max(axis=1) > 0
         x = self.passes.positions()
         normal = np.where(presses[:, None], _kernels.unit_vectors(force), self.history.normal)
-        return self.facets.facing_parts(x, normal, presses)
+        return self.facets.facing_fractions(x, normal, presses)
 
     def _forces_of_reverse_passes(self, of_nodes: ForcesOfNodes) -> Floats:
         """Forces of all opposite passes on the nodes, ``(n, 3)`` [N]. Collective.

@@ -12,8 +12,8 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import contact_sums
 from dolfinx_nts.diagnostics.body_forces import BodyForces
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.diagnostics.names import ByName, flat, pair_names, part_names
-from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import bounds, existing, in_space, nodal
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
@@ -106,10 +106,10 @@ class ContactDiagnostics:
         self._body_forces = BodyForces(stepper)
         names = part_names("body", (body.name for body in stepper.bodies))
         self._between = [f"{names[a]}_{names[b]}" for a, b in self._body_forces.pairs]
-        self._shared: Present | None = None
+        self._shared: CurrentState | None = None
 
     @contextmanager
-    def one_state(self) -> Iterator[Present]:
+    def one_state(self) -> Iterator[CurrentState]:
         """Share intermediate results between several methods while the state does not change.
 
         After a step within the context the methods evaluate the new state.
@@ -122,16 +122,16 @@ class ContactDiagnostics:
             >>> with diagnostics.one_state():
             ...     balance, pairs = diagnostics.balance(), diagnostics.pairs()
         """
-        self._shared = Present(self.stepper)
+        self._shared = CurrentState(self.stepper)
         try:
             yield self._shared
         finally:
             self._shared = None
 
-    def _now(self) -> Present:
+    def _now(self) -> CurrentState:
         """The current state."""
         if self._shared is None or self._shared.step != self.stepper.step:
-            return Present(self.stepper)
+            return CurrentState(self.stepper)
         return self._shared
 
     def contact_energy(self) -> float:
@@ -272,7 +272,7 @@ class ContactDiagnostics:
         return self._all_sums()[0]
 
     def _all_sums(self) -> tuple[Floats, Floats]:
-        """Sums over all nodes, see `Present.contact_sums`."""
+        """Sums over all nodes, see `CurrentState.contact_sums`."""
         now = self._now()
         if now.contact_sums is None:
             now.contact_sums = self._sums_by_pair(self._sum(self._of_own_nodes()))

@@ -10,9 +10,9 @@ from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.diagnostics.functions import NodalFunctions
 from dolfinx_nts.diagnostics.nodal_fields import NodalFields
-from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import nodal
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
@@ -119,7 +119,7 @@ class Fields:
         return self._functions.set(name, owned)
 
     def _contact(self, name: str) -> fem.Function:
-        return self._functions.set(name, self._nodal.contact(Present(self._stepper), name))
+        return self._functions.set(name, self._nodal.contact(CurrentState(self._stepper), name))
 
     @cached_property
     def _stress(self) -> CellStress:

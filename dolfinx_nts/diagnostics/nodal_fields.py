@@ -7,7 +7,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Array, GlobalInts, Ints
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.parallel.slabs import Some
@@ -26,7 +26,7 @@ class _Rule(NamedTuple):
         needs_friction: Whether only pairs with friction have the field.
     """
 
-    of: Callable[[Present, PairState, int], Array]
+    of: Callable[[CurrentState, PairState, int], Array]
     merged: np.ufunc
     elsewhere: float = 0.0
     shape: tuple[int, ...] = ()
@@ -94,7 +94,7 @@ class NodalFields:
         places = {False: _Place.of(self._contacts), True: _Place.of(rubbing)}
         self._places = {name: places[rule.needs_friction] for name, rule in _RULES.items()}
 
-    def of(self, now: Present) -> dict[str, Array | Some]:
+    def of(self, now: CurrentState) -> dict[str, Array | Some]:
         """Fields of a state by name. Collective.
 
         Args:
@@ -118,7 +118,7 @@ class NodalFields:
                 fields[name] = self.contact(now, name)
         return fields
 
-    def contact(self, now: Present, name: str) -> Some:
+    def contact(self, now: CurrentState, name: str) -> Some:
         """A contact field by its name. Collective."""
         rule, (nodes, rows) = _RULES[name], self._places[name]
         of_pairs = [(rule.of(now, self._contacts[i], i), some) for i, some in rows.items()]

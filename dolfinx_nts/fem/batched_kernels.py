@@ -123,7 +123,7 @@ class _Compilation:
             self._made.replace(self._path)
 
     def stop(self) -> None:
-        """Stop the compiler, as the library was not requested."""
+        """Stop the compiler of a library that is not needed."""
         self._process.kill()
         self._process.communicate()
         self._folder.cleanup()

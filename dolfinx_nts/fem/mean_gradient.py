@@ -110,7 +110,7 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
         return space == V or (len(elements) > 0 and elements[0] == V.ufl_element())
 
     def _times(self, second: Any, i: int, places: slice) -> Any:
-        """Sum of second derivatives of a component times cell coefficients from an offset."""
+        """Sum over `entries` of second derivatives of component i times cell coefficients."""
         numbers = range(len(self._coefficients))[places]
         return sum(
             second[i, j, k] * self._coefficients[n]

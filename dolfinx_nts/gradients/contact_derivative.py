@@ -29,7 +29,7 @@ WIDTH = 12
 
 
 class ContactMotion(NamedTuple):
-    """Changes of positions, or their costates, nodal arrays ``(n, d)``.
+    """Perturbations of positions, or their costates, nodal arrays ``(n, d)``.
 
     Attributes:
         start: At the start of the step.
@@ -138,7 +138,7 @@ class ContactDerivative:
         return of_space(total, x.shape[1])
 
     def force_by(self, motion: ContactMotion, histories: Histories) -> Floats:
-        """Change of the force by all but the end of the step, ``(n, d)`` [N]."""
+        """Perturbation of the force, without that by the end of the step, ``(n, d)`` [N]."""
         inputs, start = self._inputs(motion, histories), self._at(motion.start)
         inputs[:, 1] = 0.0
         total = self._zeros(motion.start)
@@ -147,8 +147,8 @@ class ContactDerivative:
         self._force.add_to(total, np.einsum("mi,mi->m", self._matrix[:, 0], inputs))
         return of_space(total, motion.start.shape[1])
 
-    def follow(self, motion: ContactMotion, histories: Histories) -> None:
-        """Replace the changes of the histories at the start by those at the end."""
+    def update(self, motion: ContactMotion, histories: Histories) -> None:
+        """Replace the perturbations of the histories at the start by those at the end."""
         inputs = self._inputs(motion, histories)
         self._store(np.einsum("moi,mi->mo", self._matrix[:, 1:], inputs), histories)
 
@@ -164,8 +164,8 @@ class ContactDerivative:
         self._gap.add_to(total, weights)
         return of_space(total, shape[1])
 
-    def back(self, costate: Floats, histories: Histories) -> ContactMotion:
-        """Costates of the start and of the trial motion; histories change from end to start.
+    def adjoint(self, costate: Floats, histories: Histories) -> ContactMotion:
+        """Costates of the start of the step and of the trial motion (adjoint of `update`).
 
         Args:
             costate: Costate of the balance of forces, ``(n, d)``.
@@ -185,7 +185,7 @@ class ContactDerivative:
         return ContactMotion(of_space(start, d), of_space(trial, d), np.zeros_like(costate))
 
     def _inputs(self, motion: ContactMotion, histories: Histories) -> Floats:
-        """Changes of the inputs of `SpringDerivatives`, shape ``(m, 6)``."""
+        """Perturbations of the inputs of `SpringDerivatives`, shape ``(m, 6)``."""
         start, trial, end = map(self._at, motion)
         approach = self._approach_n.of(start) - self._approach.of(trial)
         gaps = self._gap_n.of(start), self._gap.of(end)

@@ -86,7 +86,7 @@ class ContactDifference:
         return of_space(total, x.shape[1])
 
     def at(self, motion: ContactMotion, h: float, histories: Histories) -> ContactResult:
-        """Contact of a step between positions and histories that are changed by h times others.
+        """Contact of a step, with positions and histories perturbed by h times given ones.
 
         Args:
             motion: Changes of positions.
@@ -110,7 +110,7 @@ class ContactDifference:
             energy = 0.0
             if self._released is not None:
                 self._released.collect(step, last)
-                released, energy = self._released.taken()
+                released, energy = self._released.force_and_energy()
             history = _values(contact_history(step, last))
         finally:
             for member, before in zip(self._members, accepted, strict=True):
@@ -137,8 +137,8 @@ class ContactDifference:
                 "vertices touched: shorter steps help"
             )
 
-    def follow(self, change: Floats, histories: Histories) -> None:
-        """Replace the changes of the histories at the start by those at the end. Local."""
+    def update(self, change: Floats, histories: Histories) -> None:
+        """Replace the perturbations of the histories at the start by those at the end. Local."""
         store(self._members, change, histories)
 
     def _spread(self, change: Floats) -> Floats:
@@ -158,7 +158,7 @@ def _values(history: ContactHistory) -> Floats:
 
 
 def _changed(history: ContactHistory, change: Floats) -> ContactHistory:
-    """History with changes, shape ``(n, WIDTH)``. Local."""
+    """History with perturbations, shape ``(n, WIDTH)``. Local."""
     parts = {name: change[:, i] for i, name in enumerate(_SCALARS)}
     for i, name in enumerate(_VECTORS):
         first = len(_SCALARS) + 3 * i

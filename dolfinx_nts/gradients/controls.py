@@ -162,7 +162,7 @@ class InitialControl(Control):
 
     def owned(self, values: Floats) -> Floats:
         """Part of values of all ranks at the owned dofs. Local."""
-        return _part(self.function, values)
+        return _owned_values(self.function, values)
 
 
 def control_of(value: Any, stepper: Any) -> Control:
@@ -195,7 +195,7 @@ def _gathered(function: fem.Function, owned: Floats) -> Floats:
     return values
 
 
-def _part(function: fem.Function, values: Floats) -> Floats:
+def _owned_values(function: fem.Function, values: Floats) -> Floats:
     """Values at the owned dofs, from those of all ranks. Local."""
     V = function.function_space
     start = V.dofmap.index_map.local_range[0] * V.dofmap.index_map_bs
@@ -203,5 +203,5 @@ def _part(function: fem.Function, values: Floats) -> Floats:
 
 
 def _assign(function: fem.Function, values: Floats) -> None:
-    function.x.array[: _num_owned(function.function_space)] = _part(function, values)
+    function.x.array[: _num_owned(function.function_space)] = _owned_values(function, values)
     function.x.scatter_forward()

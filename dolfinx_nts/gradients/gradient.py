@@ -224,7 +224,7 @@ class Gradient:
         end = Snapshot()
         self.stepper.serialize(end)
         try:
-            with self._steps.whole():
+            with self._steps.without_sleeping_bodies():
                 yield
         finally:
             self.stepper.serialize(end.rewind())

@@ -32,12 +32,12 @@ _STEP = 1e-5
 
 
 class MotionState(NamedTuple):
-    """Displacement and carried rates in a state, or their changes or costates.
+    """Displacement and rates in a state, or their perturbations or costates.
 
     Attributes:
         u: Displacement.
-        rates: Carried rates, see `RateUpdate`.
-        histories: Contact histories, for changes and costates only.
+        rates: Rates that are part of the state, see `RateUpdate`.
+        histories: Contact histories, for perturbations and costates only.
     """
 
     u: Floats
@@ -101,8 +101,8 @@ class StepDerivative:
         self._shape = V.dofmap.index_map.size_local, dimension(V)
 
     @contextmanager
-    def whole(self) -> Iterator[None]:
-        """Context in which all bodies take part, with nothing but their own forces. Local."""
+    def without_sleeping_bodies(self) -> Iterator[None]:
+        """Context without sleeping bodies, and without the stabilisation of free bodies. Local."""
         bulk, none = self._bulk, np.empty(0, dtype=np.int32)
         left_out, stabilisation = bulk.leave_out(none, none), bulk.stabilisation
         bulk.stabilisation = None
@@ -139,15 +139,15 @@ class StepDerivative:
     def tangent(
         self, step: StepRecord, start: MotionState, changes: Sequence[Floats]
     ) -> MotionState:
-        """Change of the state at the end.
+        """Perturbation of the state at the end of a step, to first order (tangent-linear step).
 
         Args:
             step: The step.
-            start: Change of the state at its start, nodal arrays ``(n, d)``.
-            changes: Changes of the parameters, see `ParameterControl`.
+            start: Perturbation of the state at its start, nodal arrays ``(n, d)``.
+            changes: Perturbations of the parameters, see `ParameterControl`.
 
         Returns:
-            The change of the state at its end.
+            The perturbation of the state at its end.
         """
         update = self.take(step)
         force = self._derivatives.along_start([start.u, *start.rates])
@@ -164,7 +164,7 @@ class StepDerivative:
                 force += (a.force - b.force) / (2 * h)
         u = self._solver.solve(partial(self._product, step), -self._derivatives.free(force))
         for contact in step.contacts:
-            contact.follow(motion._replace(end=u), histories)
+            contact.update(motion._replace(end=u), histories)
         rows = zip(update.of_end, update.of_start, [*update.of_rates], strict=True)
         rates = [
             end * u + begin * start.u + _combined(row, start.rates) for end, begin, row in rows
@@ -173,7 +173,7 @@ class StepDerivative:
             motion = motion._replace(end=u)
             h, *ends = self._differences(step, motion, histories)
             for each, a, b in zip(step.differences, *ends, strict=True):
-                each.follow((a.history - b.history) / (2 * h), histories)
+                each.update((a.history - b.history) / (2 * h), histories)
             if rates:
                 rates[0] = rates[0] + self._impulses(step, u, rates[0], h, ends)
         return MotionState(u, rates, histories)
@@ -181,7 +181,7 @@ class StepDerivative:
     def _differences(
         self, step: StepRecord, motion: ContactMotion, histories: Histories
     ) -> tuple[float, list[ContactResult], list[ContactResult]]:
-        """Factor of the changes, and contact ahead and behind along them."""
+        """Step h of central differences, and the contact for perturbations times h and -h."""
         parts = [*motion, *(values[:, :3] for values in histories.values())]
         own = max(float(np.abs(part).max(initial=0.0)) for part in parts)
         largest = reductions.largest(self._bulk.comm, own)
@@ -199,7 +199,7 @@ class StepDerivative:
         h: float,
         ends: Sequence[Sequence[ContactResult]],
     ) -> Floats:
-        """Change of the impulses of springs that return energy, for changes u and v."""
+        """Perturbation of the impulses of springs that return energy, for perturbations u and v."""
         released = self.released
         if released is None or not any(each.energy for end in ends for each in end):
             return np.zeros(self._shape)
@@ -247,7 +247,7 @@ class StepDerivative:
         ]
         dt = float(self._rates.dt.value)
         for contact in step.contacts:
-            motion = contact.back(costate, histories)
+            motion = contact.adjoint(costate, histories)
             trial = derivatives.free(motion.trial)
             u = u + motion.start + trial
             rates = [rates[0] + dt * trial, *rates[1:]]

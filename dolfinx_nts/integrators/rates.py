@@ -198,6 +198,8 @@ class Rates(ABC):
 class MidpointRates(Rates):
     """Velocity that is linear in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
 
+    force_time = 0.5
+
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
         super().__init__(state, dt, bodies)
         self.acceleration = 2 / dt * ((self.u - self.u_n) / dt - self.v)

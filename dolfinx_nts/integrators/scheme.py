@@ -35,7 +35,8 @@ class Scheme:
             ``partial(NewmarkRates, Newmark(...))`` for methods of Newmark's family, or the
             ``rates`` of another scheme, such as ``Midpoint.scheme.rates``.
         stress_share: Weight of the end of the step in ``stress`` [-], also used by springs and
-            tangents: 1/2 for midpoint-type schemes, 1 for implicit Euler.
+            tangents: 1/2 for midpoint-type schemes, 1 for implicit Euler. It must be the time of
+            the forces in ``rates``: 1 - alpha_f of `Newmark`, 1/2 for ``Midpoint.scheme.rates``.
         load_point: Time of the loads and of the constraint forces of rigid bodies, from 0 at the
             start of a step to 1 at its end [-]. It must be the time of the stress, otherwise the
             scheme is of first order.

@@ -115,7 +115,7 @@ class IneffectiveCuts:
             cuts: Number of halvings of the usual length.
         """
         norms = [each.residual_norms for each in reports]
-        found = [(each[0] * dt**self._power, self._stuck(each)) for each in norms]
+        found = [(each[0] * dt**self._power, self._least_norm(each)) for each in norms]
         is_same = len(found) == len(self._last) > 0 and all(map(self._is_same, self._last, found))
         self._last, self._number = found, self._number + 1 if is_same else 0
         self._is_prescribed = cuts >= _INEFFECTIVE_CUTS and any(e.is_hopeless for e in reports)
@@ -146,7 +146,7 @@ class IneffectiveCuts:
         return is_left and (self._power > 0 or abs(now[1] - last[1]) <= _SAME * last[1])
 
     @staticmethod
-    def _stuck(norms: Sequence[float]) -> float:
+    def _least_norm(norms: Sequence[float]) -> float:
         """Least of the last residual norms [N]; 0 if an equilibrium was found."""
         least = min(norms[-_LAST:])
         return least if least > _BALANCED * norms[0] else 0.0

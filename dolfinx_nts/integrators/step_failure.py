@@ -105,9 +105,9 @@ class StepFailure:
             causes.append(f"nodes that keep changing segment or state: {nodes}")
         sides = ""
         if nodes or any(words in reasons for words in _PRESSED_IN):
-            sides = self._softer(bodies) or self._coarser()
+            sides = self._advice_on_stiffness(bodies) or self._advice_on_facet_sizes()
         if nodes or _BETWEEN in reasons:
-            sides = sides or self._smoother()
+            sides = sides or self._advice_on_smoothing()
         causes.append(sides)
         if names := redundant(bodies, [contact.pair for contact in contacts]):
             causes.append(
@@ -142,7 +142,7 @@ class StepFailure:
                 if not isinstance(each, VertexState):
                     yield each.pair, bool(count > 0)
 
-    def _softer(self, bodies: Sequence[Body]) -> str:
+    def _advice_on_stiffness(self, bodies: Sequence[Body]) -> str:
         """Advice for pairs whose unsettled nodes belong to the stiffer side, or "". Collective.
 
         Only few nodes of a stiff body can touch soft facets at the same time, and which ones
@@ -164,7 +164,7 @@ class StepFailure:
             f"times stiffer than {pair.segments.name}: let the softer one provide them"
         )
 
-    def _coarser(self) -> str:
+    def _advice_on_facet_sizes(self) -> str:
         """Advice for pairs with larger facets of nodes than of segments, or "". Collective.
 
         Single nodes then indent facets, and vertices penetrate between the nodes.
@@ -208,7 +208,7 @@ class StepFailure:
         ]
         return float(reductions.least(self._comm, min(of_bodies, default=np.inf)))
 
-    def _smoother(self) -> str:
+    def _advice_on_smoothing(self) -> str:
         """Advice to use smooth segments where nodes do not settle, or "". Collective.
 
         It concerns pairs with unsettled nodes, or all pairs if there are none.

@@ -25,10 +25,10 @@ def checksum(numbers: GlobalInts, values: Array) -> int:
     words = np.pad(rows, ((0, 0), (0, -rows.shape[1] % 8))).view(np.uint64)
     keys = np.asarray(numbers).astype(np.uint64)[:, None] * np.uint64(words.shape[1])
     keys = keys + np.arange(words.shape[1], dtype=np.uint64)
-    return int(_scrambled(_scrambled(keys) + words).sum(dtype=np.uint64))
+    return int(_hashes(_hashes(keys) + words).sum(dtype=np.uint64))
 
 
-def _scrambled(words: Array) -> Array:
+def _hashes(words: Array) -> Array:
     """Hash of words: finaliser of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014, section 4)."""
     words = words + np.uint64(0x9E3779B97F4A7C15)
     words = (words ^ (words >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

@@ -11,9 +11,9 @@ from dolfinx import fem
 from dolfinx_nts.common.arguments import functions_by_name, real_array
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.compat import geometry_nodes
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.diagnostics.functions import nodal_values
 from dolfinx_nts.diagnostics.nodal_fields import NodalFields
-from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
@@ -109,7 +109,7 @@ class RunFields:
             else None
         )
 
-    def nodal(self, now: Present) -> dict[str, Array | Some]:
+    def nodal(self, now: CurrentState) -> dict[str, Array | Some]:
         """Values at all or some owned nodes by name, shape ``(n,)`` or ``(n, 3)``.
 
         Args:

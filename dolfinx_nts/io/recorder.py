@@ -12,8 +12,8 @@ from mpi4py import MPI
 from dolfinx_nts.common.arguments import as_call, chosen_times, whole
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.columns import OwnColumn, Parts, RunColumns
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
-from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.statics.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.stepper import Stepper
@@ -246,7 +246,7 @@ class Recorder:
                 self._stepper.check_overlaps()
                 if isinstance(self._stepper, QuasiStatic):
                     self._summary.describe_equilibrium(self.diagnostics, self._last)
-                self._files.fields.write(Present(self._stepper))
+                self._files.fields.write(CurrentState(self._stepper))
                 if self._options.checkpoint_every is not None:
                     self._files.save(self._ledger)
                 self._files.fields.close()

@@ -8,8 +8,8 @@ from typing import Protocol
 from mpi4py import MPI
 
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
-from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io import checkpoint
 from dolfinx_nts.io.atomic_file import check_replaceable
@@ -65,7 +65,7 @@ class FieldsFile(Protocol):
     def open(self, resume: bool) -> None:
         """Create the files, or continue them."""
 
-    def write(self, now: Present) -> None:
+    def write(self, now: CurrentState) -> None:
         """Write the current state, possibly buffered, unless it was written before."""
 
     def flush(self) -> None:

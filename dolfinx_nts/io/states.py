@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from mpi4py import MPI
 
 from dolfinx_nts.common.arrays import Array
-from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.parallel.slabs import Slab, Slabs
@@ -32,7 +32,7 @@ class States:
         self._nodes = Slabs(comm, stepper.node_ids)
         self._cells = Slabs(comm, mesh.topology.original_cell_index[:owned])
 
-    def rows(self, now: Present, former: Mapping[str, Slab] | None = None) -> dict[str, Slab]:
+    def rows(self, now: CurrentState, former: Mapping[str, Slab] | None = None) -> dict[str, Slab]:
         """Rows of the current state for this rank. Collective.
 
         Args:

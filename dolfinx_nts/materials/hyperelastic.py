@@ -60,13 +60,13 @@ class Hyperelastic(StrainEnergy):
         mass_damping: Coefficient alpha [1/s].
         stiffness_damping: Coefficient beta [s].
         one_point: Terms with one quadrature point per cell, at the mean deformation gradient of the
-            cell. ``"volumetric"``: the volumetric terms in hexahedra and quadrilaterals of degree
-            1, which prevents volumetric locking. This is the default for a Poisson's ratio of at
-            least 0.3, with fields: in any cell of the body; except for energies with fibres that
-            resist a uniform change of volume. Or names of parameters whose terms of ``psi`` have
-            one point; ``psi`` must be linear in them. ``()`` for none, as in Franke, Hesch and
-            Betsch (2011). Every choice conserves energy, because each point has its own energy and
-            conserving stress.
+            cell (reduced integration). ``"volumetric"``: the volumetric terms in hexahedra and
+            quadrilaterals of degree 1, which prevents volumetric locking. A list of names: the
+            terms of ``psi`` with these parameters, in which ``psi`` must be linear. ``()``: none,
+            as in Franke, Hesch and Betsch (2011). None: ``"volumetric"`` for a Poisson's ratio of
+            at least 0.3 (with Functions in ``psi``, in any cell), otherwise none; also none if
+            fibres resist a uniform change of volume. Every choice conserves energy, because each
+            point has its own energy and conserving stress.
         branches: Pairs of a share [-] and a relaxation time [s], each a spring in series with a
             dashpot, in parallel with the energy. After a sudden change of shape the stress is that
             of ``psi`` times 1 plus the sum of the shares, and relaxes to the stress of ``psi``.
@@ -77,14 +77,14 @@ class Hyperelastic(StrainEnergy):
         branches: A tuple of named tuples with ``share`` [-] and ``relaxation_time`` [s].
         is_sheet: Whether the stress along z vanishes, see `PlaneStress`.
         one_point: Names as given, a frozen set, or the names of the volumetric terms.
-        splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
-            energy of an isotropic change of volume, psi(J^(2/3) 1), has one point.
+        splits_volume: Whether the volumetric terms have one point. If ``one_point`` is then empty,
+            these are the energy of an isotropic change of volume, psi(J^(2/3) 1).
         has_default_rule: Whether ``one_point`` was left out.
         parameters: Numbers by name, read-only.
 
     Raises:
-        TypeError: ``psi`` cannot be called, or converts its arguments to Python numbers; or a
-            branch is not a pair of numbers.
+        TypeError: ``psi`` cannot be called, is a function of F, or converts its arguments to Python
+            numbers; or a branch is not a pair of numbers.
         ValueError: A number is not finite or has the wrong sign. ``psi`` is not a scalar, or
             without fields is not twice differentiable or not least at C = 1. ``one_point`` names
             no parameter or all of them, or ``psi`` is not the sum of both parts. With
@@ -296,7 +296,13 @@ class Hyperelastic(StrainEnergy):
 
 
 def _check_parameters(psi: Callable[..., Any], parameters: Mapping[str, float]) -> None:
-    """Raise unless an energy takes exactly the given parameters."""
+    """Raise unless an energy takes the tensor C, and exactly the given parameters."""
+    first = next(iter(signature(psi).parameters), "")
+    if first == "F":
+        raise TypeError(
+            "expected an energy of the right Cauchy-Green tensor C = F^T F, given one of F: write "
+            "psi(C, ...) with, for instance, tr(C) for F : F and sqrt(det(C)) for det(F)"
+        )
     try:
         signature(psi).bind(None, **parameters)
     except TypeError as error:

@@ -17,9 +17,9 @@ __all__ = ["PlaneStress"]
 class PlaneStress(Hyperelastic):
     r"""Material of a sheet in plane stress, in two dimensions. Local.
 
-    Only laws with a closed-form thickness stretch are accepted. Another law can be given as a
-    `Hyperelastic` energy of the in-plane entries of C, which has no stress along z either. Forces
-    (also of a `Pressure`), masses and energies are per metre of undeformed thickness.
+    Only materials with a closed-form thickness stretch are accepted. Another material can be given
+    as a `Hyperelastic` energy of the in-plane entries of C, which has no stress along z either.
+    Forces (also of a `Pressure`), masses and energies are per metre of undeformed thickness.
 
     Args:
         material: `SaintVenantKirchhoff`, or `NeoHookean` with ``volumetric="quadratic"``. All terms
@@ -27,7 +27,7 @@ class PlaneStress(Hyperelastic):
 
     Raises:
         TypeError: ``material`` is not a Hyperelastic.
-        ValueError: The law has no closed form of the thickness, or has viscous branches.
+        ValueError: The material has no closed form of the thickness, or has viscous branches.
 
     Example:
         >>> nts.PlaneStress(nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3))

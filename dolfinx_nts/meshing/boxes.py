@@ -1,6 +1,7 @@
 """Boxes, also bars and plates, and rectangles of the plane for a gmsh model. Local."""
 
 from collections.abc import Sequence
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ def add_box(
         cell: ``"hexahedron"``; ``"tetrahedron"`` cuts each of them into six.
 
     Raises:
+        TypeError: A number of cells is not an integer.
         ValueError: A size or number is not positive, or ``cell`` is unknown.
 
     Example:
@@ -77,6 +79,7 @@ def add_rectangle(
         cell: ``"quadrilateral"``; ``"triangle"`` cuts each of them into two.
 
     Raises:
+        TypeError: A number of cells is not an integer.
         ValueError: A size or number is not positive, or ``cell`` is unknown.
 
     Example:
@@ -110,5 +113,7 @@ def _check_sizes(dim: int, corner: Any, size: Any, cells: Any) -> None:
     for name, given in {"corner": corner, "size": size, "cells": cells}.items():
         if np.shape(given) != (dim,):
             raise ValueError(f"expected {dim} numbers for {name}, given {given!r}")
+    if not all(isinstance(number, Integral) for number in cells):
+        raise TypeError(f"expected integers as numbers of cells, given {cells}")
     if min(size) <= 0 or min(cells) < 1:
         raise ValueError(f"expected positive size and cells, given {size} and {cells}")

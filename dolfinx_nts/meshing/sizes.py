@@ -1,5 +1,7 @@
 """Checks of the dimensions of round bodies. Local."""
 
+from numbers import Integral
+
 __all__ = ["check_cells", "check_radii"]
 
 
@@ -17,7 +19,10 @@ def check_cells(*numbers: int, least: int = 1) -> None:
     """Check numbers of cells.
 
     Raises:
+        TypeError: A number is not an integer.
         ValueError: A number is less than ``least``.
     """
+    if not all(isinstance(number, Integral) for number in numbers):
+        raise TypeError(f"expected integers as numbers of cells, given {numbers}")
     if min(numbers) < least:
         raise ValueError(f"expected at least {least} cells, given {numbers}")

@@ -19,7 +19,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body
 
-__all__ = ["lumped_mass", "nodal_parts"]
+__all__ = ["lumped_mass", "nodal_volumes"]
 
 
 def lumped_mass(bodies: Sequence[Body]) -> Floats:
@@ -35,14 +35,14 @@ def lumped_mass(bodies: Sequence[Body]) -> Floats:
     element, geometry = Element.of(V), V.mesh.geometry
     mass = la.vector(V.dofmap.index_map, 1)
     for body in bodies:
-        parts = nodal_parts(element, geometry.x[compat.geometry_nodes(V.mesh)[body.cells]])
+        parts = nodal_volumes(element, geometry.x[compat.geometry_nodes(V.mesh)[body.cells]])
         np.add.at(mass.array, V.dofmap.list[body.cells], body.material.rho * parts)
     mass.scatter_reverse(la.InsertMode.add)
     owned: Floats = mass.array[: V.dofmap.index_map.size_local].copy()
     return owned
 
 
-def nodal_parts(element: Element, x: Floats) -> Floats:
+def nodal_volumes(element: Element, x: Floats) -> Floats:
     """Volume of cells distributed to their nodes. Local.
 
     Args:

@@ -31,7 +31,8 @@ _MOST = 3
 # Times [s] after which a waiting rank yields its core between two tests, and after which it sleeps;
 # length of a sleep [s].
 _AT_ONCE, _SHORT, _PAUSE = 5e-5, 2e-2, 1e-4
-# Time [s] after which the second notified rank ends the program if the first one has not.
+# An exiting rank notifies two ranks. Time [s] after which the second one ends the program if the
+# first one has not.
 _GRACE = 0.5
 # Time [s] for which an exiting rank waits, so that waiting ranks are notified before PETSc makes
 # its own collective calls.

@@ -27,7 +27,7 @@ class Slab(NamedTuple):
     """Contiguous rows of a distributed array.
 
     Attributes:
-        values: Rows of this rank, or a scalar array on one rank.
+        values: Rows of this rank; a scalar (array of shape ``()``) exists on one rank only.
         begin: Position of the first row among all rows.
         length: Number of all rows.
     """
@@ -89,7 +89,7 @@ class Slabs:
     def __init__(self, comm: MPI.Comm, ids: GlobalInts) -> None:
         self._comm = comm
         self._order = np.argsort(ids)
-        # On one rank, the position of each row in the slab.
+        # Position of each row in the slab, for runs on one rank.
         self._place = np.argsort(self._order)
         ids = ids[self._order]
         bounds = _bounds(comm, ids)
@@ -154,7 +154,7 @@ class Slabs:
         return Slab(self._numbers, self._begin, self._length)
 
     def places(self, ids: GlobalInts) -> GlobalInts:
-        """Positions of numbers among all numbers.
+        """Positions of row numbers among the sorted numbers of all ranks.
 
         Args:
             ids: Numbers of any rank, shape ``(k,)``.

@@ -163,8 +163,10 @@ class Candidates(ABC):
         """
 
     @abstractmethod
-    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Slip of pairs in a step; ``law`` is ``"objective"`` or ``"convective"``."""
+    def slip(
+        self, measure: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> Slip:
+        """Slip of pairs in a step; ``measure`` is ``"objective"`` or ``"convective"``."""
 
     @abstractmethod
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
@@ -292,18 +294,18 @@ class Search(ABC):
         nodes, vertices = self.rows
         return x[nodes], x[vertices]
 
-    def per_area(self, force: Floats, part: Floats, covered: Floats) -> Floats:
+    def per_area(self, force: Floats, facing: Floats, covered: Floats) -> Floats:
         """Convert multiplier forces to tractions at the nodes of the surface. Collective.
 
         Args:
             force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
-            part: Fraction of the area of each node that faces the contact, shape ``(n,)`` [-].
+            facing: Fraction of the area of each node that faces the contact, shape ``(n,)`` [-].
             covered: Area covered by segments, shape ``(n,)`` [m^2]; only mortar contact uses it.
 
         Returns:
             Forces per reference area, of the same shape [Pa].
         """
-        return self._nodes.per_area(force, part * self._nodes.area)
+        return self._nodes.per_area(force, facing * self._nodes.area)
 
     def approach(self, x: Floats, before: Sequence[Floats]) -> float:
         """Bound on the approach of any node and candidate since earlier positions [m]. Collective.

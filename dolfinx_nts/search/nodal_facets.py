@@ -87,7 +87,7 @@ class NodalFacets:
         if is_axisymmetric(surface.V.mesh):
             size *= at_rest[:, :, 0].mean(axis=1)
         of_node = np.bincount(node[order], size[facet], len(surface.nodes))
-        self._parts: Floats = size[facet] / of_node[node[order]]
+        self._fractions: Floats = size[facet] / of_node[node[order]]
         facets = near.segments, near.orientation, counts.astype(np.int32), facet, corner
         self._take(AroundNodes(near.scatter, surface.nodes, *facets, angle))
 
@@ -133,7 +133,7 @@ class NodalFacets:
             found |= bool(np.any((node[apart:] == node[:-apart]) & (cosine < _OPPOSED)))
         return reductions.anywhere(self._comm, found)
 
-    def facing_parts(self, x: Floats, normal: Floats, presses: Flags) -> Floats:
+    def facing_fractions(self, x: Floats, normal: Floats, presses: Flags) -> Floats:
         """Fractions of the nodal areas on facets in contact, shape ``(n,)`` [-]. Collective.
 
         Contact acts on the facets that are opposed to the contact normal, and not on facets beyond
@@ -156,24 +156,26 @@ class NodalFacets:
         normal = np.where(knows[:, None], normal, np.column_stack(near))
         normal = np.nan_to_num(_kernels.unit_vectors(normal))
         knows = np.abs(normal).max(axis=1) > 0
-        parts = np.bincount(node, self._parts * (self._opposed(x, normal) > _OPPOSED), len(normal))
-        return np.where((parts == 0) & (presses | ~knows), 1.0, parts)
+        fractions = np.bincount(
+            node, self._fractions * (self._opposed(x, normal) > _OPPOSED), len(normal)
+        )
+        return np.where((fractions == 0) & (presses | ~knows), 1.0, fractions)
 
-    def pressed_parts(self, x: Floats, normal: Floats) -> Floats:
-        """Fractions of the nodal areas that contact may press, shape ``(n,)`` [-]. Collective.
+    def pressed_fractions(self, x: Floats, normal: Floats) -> Floats:
+        """Fractions of the nodal areas on which contact may press, shape ``(n,)`` [-]. Collective.
 
-        Unlike those of `facing_parts` they are continuous in the normal: the weight of a facet
+        Unlike those of `facing_fractions` they are continuous in the normal: the weight of a facet
         decreases from 1 at 60 degrees to 0 at 90 degrees.
 
         Args:
-            x: See `facing_parts`.
+            x: See `facing_fractions`.
             normal: Unit contact normals of the nodes, or 0, ``(n, 3)``. The fraction is 1 for 0, or
                 if all facets have the weight 0.
         """
         weight = np.clip(self._opposed(x, normal) / _OPPOSED, 0.0, 1.0)
         node = np.repeat(self._numbers, self.around.counts)
-        parts = np.bincount(node, self._parts * weight, len(normal))
-        return np.where(parts == 0, 1.0, parts)
+        fractions = np.bincount(node, self._fractions * weight, len(normal))
+        return np.where(fractions == 0, 1.0, fractions)
 
     def _opposed(self, x: Floats, normal: Floats) -> Floats:
         """Cosine between the contact normal of a node and inward facet normals, ``(e,)`` [-]."""

@@ -74,7 +74,9 @@ class ObstacleCandidates(Candidates):
         contact = self._obstacle.contact(scheme, points.of(x_n), points.of(x), segment)
         return self.frame.turned(scheme, contact)
 
-    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+    def slip(
+        self, measure: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> Slip:
         return self.frame.turned_slip(self._obstacle.slip(points.of(x_n), points.of(x), segment))
 
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:

@@ -143,12 +143,14 @@ class SegmentCandidates(Candidates):
         kernel = getattr(_kernels, f"contact_{scheme}")
         return ContactKinematics(*kernel(*self._both_states(points, x_n, x, segment)))
 
-    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+    def slip(
+        self, measure: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> Slip:
         pairs = self._both_states(points, x_n, x, segment)
         kernel, kind = {
             "objective": (_kernels.slip, Slip),
             "convective": (_kernels.convective_slip, ConvectiveSlip),
-        }[law]
+        }[measure]
         *values, frame_n, frame = kernel(*pairs)
         return kind(*values, frame_n=frame_n, frame=frame, orientation=pairs[2])
 

@@ -81,7 +81,7 @@ class Measures(NamedTuple):
         target: Norm of the residual of a solution [N].
         changed: Number of states that violated their conditions.
         failed: Number of pairs without a valid projection.
-        is_open: Whether a constraint is violated.
+        is_violated: Whether a constraint is violated.
         num_prescribed: Number of constraints violated by prescribed displacements alone.
         solves: Whether forces are in balance and all conditions are satisfied.
     """
@@ -91,7 +91,7 @@ class Measures(NamedTuple):
     target: float
     changed: int
     failed: int
-    is_open: bool
+    is_violated: bool
     num_prescribed: int
     solves: bool
 
@@ -179,12 +179,12 @@ class Convergence:
         """
         R, states, scales = iterate.R, iterate.states, self._scales
         excess = max((state.constraint_error for state in states), default=0.0)
-        is_open = not excess <= scales.gap
-        num_prescribed = _num_prescribed(self._steps, states) if is_open and is_complete else 0
+        is_violated = not excess <= scales.gap
+        num_prescribed = _num_prescribed(self._steps, states) if is_violated and is_complete else 0
         counts = [
             sum(s.changed for s in states),
             sum(s.failed for s in states),
-            is_open,
+            is_violated,
             num_prescribed,
         ]
         # In statics, forces of the last step do not include the reactions to new prescribed
@@ -249,7 +249,7 @@ class Convergence:
         later = self.iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
         is_due = later or self.iteration < _FIRST_DECISIONS
         if self._inertia:
-            return is_due and (seen.changed > 0 or seen.is_open or self._is_slow(seen))
+            return is_due and (seen.changed > 0 or seen.is_violated or self._is_slow(seen))
         if self.iteration == 0 or seen.changed < 2:
             return False
         if self._du_norm > self.cone_trust_radius(is_supported=is_supported):

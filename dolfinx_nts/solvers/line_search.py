@@ -52,17 +52,17 @@ class LineSearch:
         """Accept the last increment. Local."""
         self._du = None
 
-    def begin(self, du: Floats, part: float, R: Floats, R_bulk: Floats) -> None:
+    def begin(self, du: Floats, fraction: float, R: Floats, R_bulk: Floats) -> None:
         """Store an increment before it is applied.
 
         Args:
             du: Increment of Newton's method on the owned dofs, shape ``(d n,)`` [m].
-            part: Fraction of the increment that is applied [-].
+            fraction: Fraction of the increment that is applied [-].
             R: Residual from which the increment was computed, shape ``(d n,)`` [N].
             R_bulk: Contribution of the bodies to ``R``, shape ``(d n,)`` [N].
         """
-        self._du, self._part, self._cuts = du, part, 0
-        self._short, self._long = 0.0, part
+        self._du, self._fraction, self._cuts = du, fraction, 0
+        self._short, self._long = 0.0, fraction
         self._start, self._before = self._nodes.copy(), R if self.springs else R_bulk
         work = float(-du @ R)
         if self.springs:
@@ -87,16 +87,16 @@ class LineSearch:
         change = float(reductions.total(self._bulk.comm, float(self._du @ (R - self._before))))
         # Constraints that close gaps also do work.
         work = max(self._work, self._resisted)
-        rest = change + self._part * (work - self._resisted) - work
+        rest = change + self._fraction * (work - self._resisted) - work
         if not (abs(rest) if self._cuts else rest) > _LEFT * work:
             return False
         if rest > 0:
-            self._long = self._part
+            self._long = self._fraction
         else:
-            self._short = self._part
-        self._part = 0.5 * (self._short + self._long)
+            self._short = self._fraction
+        self._fraction = 0.5 * (self._short + self._long)
         self._cuts += 1
-        increment = self._part * self._du.reshape(self._start.shape)
+        increment = self._fraction * self._du.reshape(self._start.shape)
         self._nodes[:] = self._bulk.rigid.moved(self._start, increment)
         self._bulk.u.x.scatter_forward()
         return True

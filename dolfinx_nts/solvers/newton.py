@@ -241,7 +241,7 @@ class _Iteration:
         """Whether an iterate is a solution; None if it changed and has to be evaluated again."""
         iteration = self.convergence.iteration
         if self._attempt.is_unchanged and iteration == 0 and seen.is_small:
-            return not seen.is_open
+            return not seen.is_violated
         if seen.solves and not self._system.relief.accept():
             return None
         if self._attempt.steps:

@@ -16,10 +16,10 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.implicit.changes_ahead import changes_ahead
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, changed
 from dolfinx_nts.contact.implicit.first_contact import fraction_until_contact
+from dolfinx_nts.contact.implicit.prescribed_changes import prescribed_changes
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.parallel import reductions
@@ -94,7 +94,7 @@ class SubsteppedMotion(PrescribedMotion):
         forces = bulk.action(increment, with_prescribed=True)
         self._changes, resisted = [], 0.0
         for step, state in zip(self._steps, states, strict=True):
-            changes, change = changes_ahead(step, state.pairs, increment)
+            changes, change = prescribed_changes(step, state.pairs, increment)
             self._changes.append(changes)
             forces += change[:, : increment.shape[1]]
             resisted += self._squared_resistance(step, state, changes)

@@ -113,12 +113,12 @@ class OverlapWatch:
         return approach
 
     @cached_property
-    def _has_parts(self) -> bool:
-        """Whether both surfaces of a pair belong to one body: overlaps are self-overlaps."""
+    def _touches_itself_by_parts(self) -> bool:
+        """Whether two surfaces of one body form a pair: overlaps are then self-overlaps."""
         return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
 
     @cached_property
-    def _selves(self) -> frozenset[str]:
+    def _with_self_contact(self) -> frozenset[str]:
         """Boundaries with self-contact, by name."""
         return frozenset().union(*(a & b for _, a, b in self._roles))
 
@@ -224,14 +224,14 @@ class OverlapWatch:
             overlaps, _ = self.search.find(at, 0.0, t_n + part * (t - t_n), ())
             new = [each for each in overlaps if self._is_new_between_bodies(each)]
             if new:
-                return max(new, key=_part)
+                return max(new, key=_relative_depth)
         return None
 
     def _is_new_between_bodies(self, overlap: Overlap) -> bool:
         """Whether an overlap of a pair includes centres of cells for the first time. Local."""
         known = self.deepest.get(frozenset(overlap.names))
         is_new = overlap.cells > 0 and (known is None or known.cells == 0)
-        return is_new and self._between_bodies(overlap) and not self._forgotten(overlap)
+        return is_new and self._between_bodies(overlap) and not self._without_pair(overlap)
 
     def is_pressed(self, overlap: Overlap, pressing: Collection[PairState]) -> bool:
         """Whether one of the ``pressing`` pairs, with force, is between the two bodies. Local."""
@@ -245,7 +245,7 @@ class OverlapWatch:
         nearer = self._allowed if self._seen is None else self.search.approach(x, t, *self._seen)
         if np.any(nearer + self._step > _USED * self._allowed):
             # During a run, self-overlaps are checked only for bodies with self contact.
-            self.check(x, t, self._selves)
+            self.check(x, t, self._with_self_contact)
         else:
             self._clearance = float((self._allowed - nearer).min())
 
@@ -262,29 +262,29 @@ class OverlapWatch:
             new = self._new(x, t, _IN_RUN, self.search.find(x, least, t, selves))
             self._moved = selves is not None
             self._known |= {names: (2 * overlap.depth, overlap.cells) for overlap, names in new}
-            kinds = _by_kind({overlap: self._in_run(overlap) for overlap, _ in new})
+            kinds = _by_kind({overlap: self._cause_in_run(overlap) for overlap, _ in new})
             for kind, overlaps in kinds.items():
                 self._report(kind, overlaps, t)
         if selves is None:
             for kind, overlaps in self._waiting.items():
-                grown = [self._grown(overlap) for overlap in overlaps]
+                grown = [self._deepest_so_far(overlap) for overlap in overlaps]
                 self._warn(f"until t = {t:g} s, ", "was", kind, grown)
             self._waiting.clear()
 
     def _report(self, kind: str, overlaps: list[Overlap], t: float) -> None:
         """Report new overlaps of one cause, or postpone the report."""
-        deepest, last = max(overlaps, key=_part), self._reported.get(kind)
+        deepest, last = max(overlaps, key=_relative_depth), self._reported.get(kind)
         self._waiting.setdefault(kind, []).extend(overlaps)
         reaches_cells = any(overlap.cells for overlap in overlaps)
         if (
             last is None
-            or _part(deepest) > _part(last) + _IN_RUN
+            or _relative_depth(deepest) > _relative_depth(last) + _IN_RUN
             or (reaches_cells and not last.cells)
         ):
             self._reported[kind] = deepest
             self._warn(f"at t = {t:g} s, ", "is", kind, self._waiting.pop(kind))
 
-    def _grown(self, overlap: Overlap) -> Overlap:
+    def _deepest_so_far(self, overlap: Overlap) -> Overlap:
         """Deepest overlap so far of the same two bodies in the same order, including this one."""
         deepest = self.deepest[frozenset(overlap.names)]
         return deepest if deepest.names == overlap.names else overlap
@@ -301,7 +301,9 @@ class OverlapWatch:
         overlaps = [each for each in overlaps if each.depth > least]
         self._allowed = apart + self._allowed_approach
         self._seen, self._clearance = (x, t), float(self._allowed.min())
-        if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):
+        if not self._touches_itself_by_parts and not any(
+            self._between_bodies(each) for each in overlaps
+        ):
             self._clear(x, float((apart + self._passing_approach).min()))
         for overlap in overlaps:
             names = frozenset(overlap.names)
@@ -309,11 +311,11 @@ class OverlapWatch:
                 self.deepest[names], self.deepest_at[names] = overlap, t
             depth, cells = self._known.get(names, (0.0, 0))
             more = overlap.depth - depth - part * overlap.size
-            if (more > 0 and more > self._beneath(overlap, x)) or overlap.cells > 0 == cells:
+            if (more > 0 and more > self._patch_depth(overlap, x)) or overlap.cells > 0 == cells:
                 new.append((overlap, names))
         return new
 
-    def _beneath(self, overlap: Overlap, x: Floats) -> float:
+    def _patch_depth(self, overlap: Overlap, x: Floats) -> float:
         """Largest depth of smooth segments below their facets, which is no overlap [m]."""
         inner, outer = overlap.names
         depths = [
@@ -337,7 +339,7 @@ class OverlapWatch:
         """
         if self._bodies[0].V.mesh.comm.rank:
             return
-        inner, outer = (deepest := max(overlaps, key=_part)).names
+        inner, outer = (deepest := max(overlaps, key=_relative_depth)).names
         number = len({frozenset(overlap.names) for overlap in overlaps}) - 1
         others = f", and {number} more by less" * (number > 0)
         text = f"{inner} {verb} {_described(deepest)}{others}"
@@ -351,7 +353,7 @@ class OverlapWatch:
         return any(_deepest_loaded(each) > overlap.depth / 2 for each in loaded)
 
     def _at_start(self, overlap: Overlap, x: Floats) -> str:
-        if verdict := self._forgotten(overlap):
+        if verdict := self._without_pair(overlap):
             return verdict
         both = set(overlap.names)
         seen = [
@@ -381,9 +383,9 @@ class OverlapWatch:
             "before the first step"
         )
 
-    def _in_run(self, overlap: Overlap) -> str:
+    def _cause_in_run(self, overlap: Overlap) -> str:
         """Cause of an overlap in a run, and remedy."""
-        if verdict := self._forgotten(overlap):
+        if verdict := self._without_pair(overlap):
             return verdict
         inner, outer = overlap.names
         if overlap.nodes == 0 and self._lacks_edges(overlap):
@@ -443,7 +445,7 @@ class OverlapWatch:
         sides = [side for pair in pairs for side in (pair.nodes, pair.segments)]
         return all(pair.method != EDGES for pair in pairs) and all(map(num_sharp_edges, sides))
 
-    def _forgotten(self, overlap: Overlap) -> str:
+    def _without_pair(self, overlap: Overlap) -> str:
         """Cause and remedy if the bodies of an overlap have no common pair, otherwise ""."""
         one, other = overlap.names
         sides = [side for _, a, b in self._roles for side in ((a, b), (b, a))]
@@ -468,7 +470,7 @@ def _by_kind(verdicts: Mapping[Overlap, str]) -> dict[str, list[Overlap]]:
     return kinds
 
 
-def _part(overlap: Overlap) -> float:
+def _relative_depth(overlap: Overlap) -> float:
     """Depth relative to the longest facet, rounded so that it is partition-independent [-]."""
     return round(overlap.depth / overlap.size, 6)
 

@@ -43,11 +43,12 @@ class Passage(NamedTuple):
 
     Attributes:
         points: Their indices, shape ``(m,)``.
-        part: Largest fraction of the step in which the search still detects all passing points [-].
+        step_fraction: Largest fraction of the step in which the search still detects all passing
+            points [-].
     """
 
     points: Ints
-    part: float
+    step_fraction: float
 
     @classmethod
     def none(cls) -> "Passage":
@@ -90,7 +91,7 @@ class Passage(NamedTuple):
         passes = paths.passes(candidates.size)
         stays = _numbers((paths.entered >= 0) & ~paths.leaves & ~passes)
         passes[stays] = _is_lost(candidates, points.take(stays), ends[1], paths.take(stays), reach)
-        return cls(number[passes], _possible_part(candidates, paths, distance, passes))
+        return cls(number[passes], _detectable_fraction(candidates, paths, distance, passes))
 
 
 def through_to_another_side(
@@ -166,7 +167,7 @@ def passing_nodes_message(nodes: Surface | JointNodes, passage: Passage, dt: flo
     comm = nodes.V.mesh.comm
     if not reductions.anywhere(comm, len(passage.points) > 0):
         return ""
-    possible = float(reductions.least(comm, passage.part * dt))
+    possible = float(reductions.least(comm, passage.step_fraction * dt))
     advice = f"a dt of {possible:.2g} would let contact catch them"
     return passing_message(comm, "nodes", nodes.node_ids[passage.points], advice)
 
@@ -202,10 +203,10 @@ def _is_lost(
     return flags
 
 
-def _possible_part(
+def _detectable_fraction(
     candidates: Candidates, paths: Trajectories, distance: Floats, passes: Flags
 ) -> float:
     """Fraction of the step up to which passing points would be detected."""
     shortest = candidates.passage.min(initial=np.inf)
-    parts = np.fmax(paths.begin, 0.0)[passes] + shortest / distance[passes]
-    return float(parts.min(initial=1.0))
+    fractions = np.fmax(paths.begin, 0.0)[passes] + shortest / distance[passes]
+    return float(fractions.min(initial=1.0))

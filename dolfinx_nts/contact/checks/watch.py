@@ -114,7 +114,7 @@ class ContactWatch:
         self.velocity: Floats = np.zeros(dimension(bodies[0].V))
         # Allowed approach of any two nodes until the next check, and its value at the last update
         # of vertices and overlaps [m].
-        self._clearance = self._settled = 0.0
+        self._clearance = self._clearance_at_update = 0.0
 
     @cached_property
     def _passage(self) -> float:
@@ -132,10 +132,10 @@ class ContactWatch:
         negative_least, greatest = reductions.largest(self._comm, np.array(extremes))
         self.velocity = (greatest - negative_least) / 2
 
-    def free(self, moved: float) -> bool:
+    def skips_check(self, moved: float) -> bool:
         """Register a step if no check is due. Collective.
 
-        Vertices and overlaps are updated later by `settle`, as updates in each step would take
+        Vertices and overlaps are updated later by `update`, as updates in each step would take
         longer than the checks.
 
         Args:
@@ -151,35 +151,36 @@ class ContactWatch:
         left = self._clearance - approach
         # A check is due if a next step of the same length could need it.
         if left < approach:
-            self.settle()
+            self.update()
             clearance = min(self.vertices.clearance, self.overlaps.clearance)
             left = clearance - approach
             if left < approach:
                 return False
-            self._settled = clearance
+            self._clearance_at_update = clearance
         self._clearance = left
         return True
 
-    def settle(self) -> None:
+    def update(self) -> None:
         """Update vertices and overlaps by the motion of all steps since the last update. Local."""
-        approach = self._settled - self._clearance if math.isfinite(self._settled) else 0.0
+        before = self._clearance_at_update
+        approach = before - self._clearance if math.isfinite(before) else 0.0
         if approach > 0:
             self.vertices.travel(approach)
             self.overlaps.travel(approach)
-        self._clearance = self._settled = 0.0
+        self._clearance = self._clearance_at_update = 0.0
 
     def check_overlaps(self, x: Floats, t: float) -> None:
         """Check for overlaps, whether or not a check is due."""
-        self.settle()
+        self.update()
         self.overlaps.check(x, t)
 
     def forget(self) -> None:
         """Discard earlier motion, after the state was set. Local."""
-        self.settle()
+        self.update()
         self.vertices.forget()
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the check of vertices, and the reference velocity."""
-        self.settle()
+        self.update()
         self.velocity = np.asarray(archive.same("velocity_of_watch", self.velocity))
         self.vertices.serialize(archive)

@@ -30,7 +30,7 @@ class Friction:
         segment: Ints,
         lambda_N: Floats,
         dt: float,
-        part: Floats,
+        area_fraction: Floats,
     ) -> dict[str, Any]:
         """Add friction to force and energy of normal springs; return history entries.
 
@@ -43,8 +43,8 @@ class Friction:
             lambda_N: Stiffness times gap of the evaluated nodes; the ``m`` nodes with a negative
                 value have springs, in the same order, shape ``(c,)`` [N].
             dt: Length of the step [s].
-            part: Part of the area of each node of the surface that the segments may press,
-                shape ``(n,)`` [-].
+            area_fraction: Fraction of the area of each node of the surface on which the segments
+                may press, shape ``(n,)`` [-].
         """
         return {}
 
@@ -75,7 +75,7 @@ class SpringFriction(Friction):
         segment: Ints,
         lambda_N: Floats,
         dt: float,
-        part: Floats,
+        area_fraction: Floats,
     ) -> dict[str, Any]:
         state, law, old = self._state, self._law, self._state.history
         assert state.eps_T is not None
@@ -96,7 +96,8 @@ class SpringFriction(Friction):
         eps_T = state.eps_T[node]
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial = t_n + eps_T[:, None] * slip.value
-        limits = Limits(law, state.nodes, dt, lambda: part * state.nodes.positive_area, old.slip)
+        area = area_fraction * state.nodes.positive_area
+        limits = Limits(law, state.nodes, dt, lambda: area, old.slip)
         size = np.linalg.norm(trial, axis=1)
         judged, limit = limits.of_springs(node, p, size, eps_T, old.sliding[node])
         slides = _kernels.slides(judged.force, trial, trial, trial, np.zeros(len(node), dtype=bool))
@@ -104,24 +105,24 @@ class SpringFriction(Friction):
         t = model.explicit + p[:, None] * model.direction
         on_rows, stored = t, np.einsum("mi,mi->m", t, t) / (2 * eps_T)
         if shares is not None:
-            of_shares = shares.start, shares.point, frames.parts
+            of_shares = shares.start, shares.point, frames.weights
             on_rows = _kernels.spread_tractions(*of_shares, t, len(springs.node))
             stored = shares.spread(stored, len(springs.node))
         force, energy = springs.force, springs.energy
         force -= np.einsum("mi,mij->mj", on_rows, of_rows.gradient).reshape(force.shape)
         energy += stored
         lasting = slip.value - (t - t_n) / eps_T[:, None]
-        parts: dict[str, Any] = {
+        values: dict[str, Any] = {
             **self.without_contact(),
             "sliding": np.zeros(len(old.slip), dtype=bool),
             "normal": np.zeros_like(old.normal),
             "traction": np.zeros_like(old.traction),
         }
-        parts["slip"][node] += np.where(slides, np.linalg.norm(lasting, axis=1), 0.0)
-        parts["dissipation"][node] = np.einsum("mi,mi->m", t_n + t, lasting) / 2
-        parts["sliding"][node], parts["normal"][node] = slides, slip.normal
-        parts["traction"][node] = np.einsum("mi,mij->mj", t, slip.frame)
-        return parts
+        values["slip"][node] += np.where(slides, np.linalg.norm(lasting, axis=1), 0.0)
+        values["dissipation"][node] = np.einsum("mi,mi->m", t_n + t, lasting) / 2
+        values["sliding"][node], values["normal"][node] = slides, slip.normal
+        values["traction"][node] = np.einsum("mi,mij->mj", t, slip.frame)
+        return values
 
     def without_contact(self) -> dict[str, Any]:
         """Accumulated slip; the energy of springs without contact is dissipated."""

@@ -49,8 +49,12 @@ class NeighbourList:
 
     Attributes:
         candidates: Candidates within the search radius.
-        part: Part of the area of each node of the surface that the segments may press, constant
-            while its spring is loaded, shape ``(n,)`` [-]. At edges it is less than 1.
+        stiffness_fraction: Fraction of the stiffness of each spring of the surface that acts,
+            constant while the spring is loaded, shape ``(n,)`` [-]: by area, and by the segments
+            faced.
+        area_fraction: Fraction of the area of each node of the surface on which the segments may
+            press, constant while its spring is loaded, shape ``(n,)`` [-]. At edges it is less
+            than 1.
         number: Indices of listed nodes among the nodes of the surface, ascending, shape ``(c,)``.
         points: Their contact points, with the normals of the last search.
         stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].
@@ -61,7 +65,8 @@ class NeighbourList:
     """
 
     candidates: Candidates
-    part: Floats
+    stiffness_fraction: Floats
+    area_fraction: Floats
     number: Ints
     points: NodalPoints
     stiffness: Floats
@@ -73,9 +78,8 @@ class NeighbourList:
         self, state: PairState, of_cells: Floats | None, layers: Layers | None = None
     ) -> None:
         self._state, self._of_cells, self._layers = state, of_cells, layers
-        # Part by area alone, and values of the candidates, see `Layers`.
-        self._of_area: Floats = np.ones(len(state.nodes.nodes))
-        self.part = self._of_area
+        self.area_fraction = self.stiffness_fraction = np.ones(len(state.nodes.nodes))
+        # Values of the candidates, see `Layers`.
         self._of_segments: Floats | None = None
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices at the last search.
@@ -167,10 +171,10 @@ class NeighbourList:
         return True
 
     def _begin(self, before: Ints, segment: Ints) -> bool:
-        """Set the parts of nodes that begin to transmit force by the segments faced. Local.
+        """Set the stiffness of nodes that begin to transmit force, by the segments faced. Local.
 
         Arguments as for `change`, with the segments that transmitted force ``before``. Returns
-        whether a part has changed.
+        whether a stiffness has changed.
         """
         if self._layers is None or self._of_segments is None:
             return False
@@ -178,12 +182,14 @@ class NeighbourList:
         row = row[~np.isin(self.number[row], self.number[before >= 0])]
         if not len(row):
             return False
-        node, faced = np.unique(self.number[row]), np.full((len(self.part), 4), np.inf)
+        node, width = np.unique(self.number[row]), self._of_segments.shape[1]
+        faced = np.full((len(self.area_fraction), width), np.inf)
         np.minimum.at(faced, self.number[row], self._of_segments[segment[row]])
-        old, of_layers = self.part[node], self._layers.part(faced, in_series=True)
-        self.part = self.part.copy()  # histories keep the former array
-        self.part[node] = (self._of_area * of_layers)[node]
-        return not np.array_equal(old, self.part[node])
+        of_layers = self._layers.stiffness_fraction(faced, in_series=True)
+        old = self.stiffness_fraction[node]
+        self.stiffness_fraction = self.stiffness_fraction.copy()  # histories keep the former array
+        self.stiffness_fraction[node] = (self.area_fraction * of_layers)[node]
+        return not np.array_equal(old, self.stiffness_fraction[node])
 
     def _set_rows(self, segment: Ints) -> None:
         """Set the rows of listed nodes; ``segment``, ``(m,)``, applies to nodes with one row."""
@@ -192,7 +198,7 @@ class NeighbourList:
         assert eps_N is not None
         self.stiffness = eps_N[number]
         if self._of_cells is not None:
-            of_cells = self.part[number] * self._of_cells[number]
+            of_cells = self.stiffness_fraction[number] * self._of_cells[number]
             self.stiffness = np.minimum(self.stiffness, of_cells)
         if self.shared.many.any():
             row, segment, start = self.shared.entries(number, segment)
@@ -204,20 +210,23 @@ class NeighbourList:
     def serialize(self, archive: Archive, name: str, x: Floats) -> None:
         """Serialize the list, by positions as of `update`. Collective."""
         keys = self._serialized_shared(archive, f"{name}/shared")
+        ids = self._state.nodes.node_ids
+        self.area_fraction = archive.nodal(f"{name}/area_fraction", ids, self.area_fraction)
         arrays: Sequence[Any] | None = None
         if not archive.restores and np.isfinite(self._travelled):
             numbers = np.array([self._travelled, self.is_idle])
-            arrays = [self._listed, numbers, self._of_area, *self._positions]
+            arrays = [self._listed, numbers, *self._positions]
         arrays = archive.local(name, arrays)
         if not archive.restores:
             return
         if arrays is None:
             self._rebuild(x, keys)
             return
-        listed, (travelled, is_idle), self._of_area, nodes, vertices = arrays
+        listed, (travelled, is_idle), nodes, vertices = arrays
         self._travelled, self.is_idle = float(travelled), bool(is_idle)
         self._positions = nodes, vertices
-        candidates, self.part = self._state.search.candidates, self._state.history.part
+        candidates = self._state.search.candidates
+        self.stiffness_fraction = self._state.history.part
         if self._layers is not None:
             self._of_segments = self._layers.of_candidates(candidates)
         points = self._state.facets.points(self._state.search.frame.at_end(x))
@@ -254,7 +263,7 @@ class NeighbourList:
         candidates, _ = state.search.update(x, self.reach + margin)
         if np.isinf(self._travelled):
             current = candidates.find(state.history.key)
-            pressed, self.part = state.history.active, state.history.part
+            pressed, self.stiffness_fraction = state.history.active, state.history.part
         else:
             current = np.full(len(state.nodes.nodes), -1, dtype=np.int32)
             current[self.number] = self._current_in(candidates)
@@ -271,9 +280,9 @@ class NeighbourList:
             node, segment = near[segment >= 0], segment[segment >= 0]
             normal = np.zeros((len(current), 3))
             normal[node] = contact_normals(candidates, points.take(node), x, segment)
-            arriving = state.facets.pressed_parts(x_in_space, normal)
-            self.part = np.where(pressed, self.part, arriving)
-            self._of_area = np.where(pressed, self._of_area, arriving)
+            arriving = state.facets.pressed_fractions(x_in_space, normal)
+            self.stiffness_fraction = np.where(pressed, self.stiffness_fraction, arriving)
+            self.area_fraction = np.where(pressed, self.area_fraction, arriving)
         self._choose(candidates, points, near, current, keys)
         self._set_pressing(pressed)
         self.is_idle = not reductions.total(self._comm, len(near))

@@ -181,7 +181,7 @@ class ContactSprings:
         return SpringForces(candidates.scatter, springs, dissipation, lambda: history)
 
     @property
-    def is_open(self) -> bool:
+    def lacks_penalty(self) -> bool:
         """Whether the default penalty is not chosen yet. Local."""
         return self._state.eps_N is None and self._penalty is None
 
@@ -268,12 +268,12 @@ class ContactSprings:
         self.num_lost = self.num_deep = 0
         self._pressed = np.empty(0, dtype=np.int32), np.empty(0)
         if seen.is_idle:
-            parts = self._friction.without_contact()
+            values = self._friction.without_contact()
             return SpringForces(
                 None,
                 _NO_SPRINGS,
-                parts.get("dissipation", _NO_DISSIPATION),
-                lambda: replace(nothing, **parts),
+                values.get("dissipation", _NO_DISSIPATION),
+                lambda: replace(nothing, **values),
             )
         candidates = seen.candidates
         x = candidates.scatter.forward(x)
@@ -287,10 +287,13 @@ class ContactSprings:
         number, stiffness, shared = seen.number, seen.stiffness, nothing.shared
         if seen.start is not None:
             shared = seen.shared.sums(candidates.key)
-        part, self.num_deep = seen.part, int(np.count_nonzero(gap < -self._deep))
+        fraction = seen.stiffness_fraction
+        self.num_deep = int(np.count_nonzero(gap < -self._deep))
         self._pressed = number[gap < 0], gap[gap < 0]
         lambda_N = stiffness * gap
-        slip = self._friction.add_to(springs, candidates, x_n, x, segment, lambda_N, dt, part)
+        slip = self._friction.add_to(
+            springs, candidates, x_n, x, segment, lambda_N, dt, seen.area_fraction
+        )
         on_nodes = self._on_own_side(springs, candidates)
 
         def history() -> ContactHistory:
@@ -306,7 +309,7 @@ class ContactSprings:
                 "force": force if on_nodes is None else on_nodes,
                 "gap": gaps if begin_at is None else gaps + begin_at,
                 "offset": nothing.offset if begin_at is None else np.where(active, begin_at, 0.0),
-                "part": part,
+                "part": fraction,
                 "normal": normal,
                 "energy": energy,
             }

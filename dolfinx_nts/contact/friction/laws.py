@@ -107,7 +107,7 @@ class FrictionLaw(Declaration):
     Attributes:
         eps_T: Stiffness of the tangential spring of a node [N/m], positive; None, the default, as
             in `Coulomb`.
-        law: Measure of slip, ``"objective"`` or ``"convective"``, see `Coulomb`.
+        law: How slip is measured, ``"objective"`` or ``"convective"``, see `Coulomb`.
         depends_on_slip: Whether the limit depends on the slip of the step. True, the default, is
             always valid. False saves evaluations if the derivative with respect to the slip is zero
             everywhere.
@@ -167,11 +167,12 @@ class Coulomb(FrictionLaw):
         eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is
             recoverable. None: no spring, so that a sticking node does not slip at all
             (multipliers). With normal contact by springs, None means a tangential spring with the
-            smaller one of the static stiffnesses that `Penalty` compares.
-        law: Measure of slip. ``"objective"``: an increment that is quadratic in the positions, so
-            that dissipation is exact (``cpp/nts/contact/slip.h``). ``"convective"``: the increment
-            of the convective coordinates on the segment (Franke, Hesch, Betsch 2011, eqs. 60-64);
-            for comparison, only with `Midpoint`, `Penalty` and a deformable counterpart.
+            static stiffness of the softer node.
+        law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
+            positions, so that dissipation is exact (``cpp/nts/contact/slip.h``). ``"convective"``:
+            by the increment of the convective coordinates on the segment (Franke, Hesch, Betsch
+            2011, eqs. 60-64); for comparison, only with `Midpoint`, `Penalty` and a deformable
+            counterpart.
 
     Attributes:
         mu, eps_T, law: The arguments.
@@ -335,10 +336,10 @@ class Tresca(FrictionLaw):
     """A law of friction with an upper bound on the shear stress, such as the yield stress in shear.
 
     Args:
-        law: The law that is limited; a number is the coefficient of `Coulomb`.
+        law: The law of friction that is limited; a number is the coefficient of `Coulomb`.
         stress: Largest tangential force per reference area [Pa], a number or a Function. The area
-            is the area of the facets around a node, or in mortar contact the part that segments
-            cover.
+            is that of the facets around a node that face the segments, or in mortar contact the
+            area that segments cover.
 
     Attributes:
         stress: The argument.

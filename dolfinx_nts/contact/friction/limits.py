@@ -159,7 +159,8 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
             number.
         ValueError: ``eps_T`` is not positive, or ``law`` is unknown; limits or derivatives are not
             finite or of another shape, or limits are negative; a derivative is not that of the
-            limit; or limits depend on the slip although ``depends_on_slip`` is False.
+            limit; limits depend on the slip although ``depends_on_slip`` is False; or a second call
+            with the same arguments returns other limits.
     """
     if law.eps_T is not None:
         positive(f"the tangential stiffness eps_T of {law!r}", law.eps_T)
@@ -193,6 +194,11 @@ def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     node, p, slip = grid
     limits = Limits(law, nodes, dt, lambda: nodes.positive_area, np.zeros(len(nodes.nodes)))
     at = limits.at(node, p, slip)
+    if np.any(at.force != limits.at(node, p, slip).force):
+        raise ValueError(
+            f"expected the same limits of {law!r} for the same arguments, given other ones in the "
+            "second call: a law has no memory but nodes.slipped"
+        )
     if not law.depends_on_slip and np.any(at.force != limits.at(node, p).force):
         raise ValueError(
             f"expected limits of {law!r} that do not depend on the slip, as its depends_on_slip "

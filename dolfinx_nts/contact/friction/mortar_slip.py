@@ -1,4 +1,4 @@
-"""Slip of nodes whose multipliers act on the contact points around them (mortar)."""
+"""Slip of nodes in mortar contact: weighted mean of the slips of the quadrature points."""
 
 from typing import NamedTuple
 
@@ -18,12 +18,12 @@ class NodalFrames(NamedTuple):
 
     Attributes:
         at_nodes: Orthonormal tangents at the nodes, shape ``(m, 2, 3)``.
-        parts: Weights of component b of the slip of a point in component a of the slip of a node,
-            for each share, shape ``(i, 2, 2)``.
+        weights: Weight of component b of the slip of a point in component a of the slip of a node,
+            for each entry of `Shares`, shape ``(i, 2, 2)``.
     """
 
     at_nodes: Floats
-    parts: Floats
+    weights: Floats
 
     @classmethod
     def of(cls, points: MortarPoints, slip: Slip) -> "NodalFrames":
@@ -50,9 +50,9 @@ class MortarSlip(Slip):
         """Average the slips of the points for each node."""
         shares = points.shares
         self._points, self._slip = points, slip
-        self._of_shares = shares.start, shares.point, frames.parts
+        self._of_shares = shares.start, shares.point, frames.weights
         value, frame = _kernels.sum_slip(*self._of_shares, slip.value, slip.frame)
-        rows = (points.rows(values, frames.parts) for values in (slip.force, slip.gradient))
+        rows = (points.rows(values, frames.weights) for values in (slip.force, slip.gradient))
         kept = {"frame_n": frames.at_nodes, "frame": frame, "orientation": np.ones(len(value))}
         super().__init__(value, *rows, **kept)
 
@@ -69,7 +69,7 @@ def mean_slip(points: MortarPoints, slip: Slip, frames: NodalFrames) -> Slip:
     if isinstance(slip, TurnedSlip):
 
         def average(slip: Slip, at_nodes: Floats) -> Slip:
-            return MortarSlip(points, slip, NodalFrames(at_nodes, frames.parts))
+            return MortarSlip(points, slip, NodalFrames(at_nodes, frames.weights))
 
         return slip.averaged(average, frames.at_nodes)
     return MortarSlip(points, slip, frames)

@@ -48,7 +48,7 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
         lambda_N=normal.lambda_N.copy(),
         gap=search.gap.copy(),
         soft_depth=normal.soft_depth,
-        part=normal.part,
+        part=normal.stiffness_fraction,
         area=search.pairing.area,
         force=-search.pairing.on_nodes(pairs, last.force),
         energy=history.energy + slip_energy,

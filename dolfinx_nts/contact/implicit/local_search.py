@@ -248,15 +248,15 @@ class LocalSearch:
         return flags
 
     @cached_property
-    def pressed_parts(self) -> Floats:
-        """Fractions of the nodal areas that the segments may press, ``(n,)``.
+    def pressed_fractions(self) -> Floats:
+        """Fractions of the nodal areas on which the segments may press, ``(n,)``.
 
         Collective at the first use.
 
         They differ from 1 at edges: of a block that lies on a plane, the lateral facets do not
             touch.
         """
-        segment, parts = self.approach.segment, list[Floats]()
+        segment, fractions = self.approach.segment, list[Floats]()
         if not any(state.facets.has_edges for state in self._members):
             return np.ones(len(segment))
         normal = np.zeros((len(segment), 3))
@@ -264,13 +264,13 @@ class LocalSearch:
         points = self.points.take(node.astype(np.int32))
         normal[node] = contact_normals(self.candidates, points, self.x_n, segment[node])
         for state, (first, last) in zip(self._members, pairwise(self._ends), strict=True):
-            parts.append(state.facets.pressed_parts(self._x_in_space, normal[first:last]))
-        return np.concatenate(parts)
+            fractions.append(state.facets.pressed_fractions(self._x_in_space, normal[first:last]))
+        return np.concatenate(fractions)
 
     def least_faced(self, values: Floats) -> Floats:
-        """Least values of the segments that nodes face at first, shape ``(n, k)``. Local.
+        """Minimum of values over the segments that nodes face at t_n, shape ``(n, k)``. Local.
 
-        They are infinite without a segment. ``values`` belong to the candidates, ``(s, k)``.
+        It is infinite without a segment. ``values`` belong to the candidates, ``(s, k)``.
         """
         segment = self.approach.segment
         found: Floats = np.full((len(segment), values.shape[1]), np.inf)

@@ -57,8 +57,8 @@ class Pairing(ABC):
         """The same nodes and segments in a step that starts at x instead of x_n."""
 
     @abstractmethod
-    def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
-        """Evaluate the slip of nodes in a step to x; ``law`` as for `Candidates.slip`."""
+    def slip(self, measure: str, x: Floats, node: Ints, segment: Ints) -> Slip:
+        """Evaluate the slip of nodes in a step to x; ``measure`` as for `Candidates.slip`."""
 
     @abstractmethod
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
@@ -133,12 +133,12 @@ class NodePairing(Pairing):
         other.shared = self.shared
         return other
 
-    def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
+    def slip(self, measure: str, x: Floats, node: Ints, segment: Ints) -> Slip:
         if not self.shared.many[node].any():
             points = self._points.take(node)
-            return self._candidates.slip(law, points, self._x_n, x, segment)
+            return self._candidates.slip(measure, points, self._x_n, x, segment)
         nodal, shared = self._shared(node, segment)
-        slip = self._candidates.slip(law, nodal, self._x_n, x, shared.segment)
+        slip = self._candidates.slip(measure, nodal, self._x_n, x, shared.segment)
         return mean_slip(shared, slip, NodalFrames.of(shared, slip))
 
     def _shared_kinematics(

@@ -12,7 +12,7 @@ __all__ = ["SharedBlocks"]
 
 
 class SharedBlocks(OwnBlocks):
-    """One block for each segment of a node.
+    """Tangent blocks of nodes with several segments: one block for each segment of a node.
 
     Args:
         points: Points of the nodes on their segments, see `search/shared_segments.py`.
@@ -29,7 +29,7 @@ class SharedBlocks(OwnBlocks):
         unknown: tuple[Floats, Floats] | None,
         tangent: Floats,
     ) -> None:
-        """Create one block for each segment of a node."""
+        """Store the blocks, one for each segment of a node."""
         super().__init__(dofs, None if unknown is None else unknown[0], tangent)
         self.nodes, self._points = points.reached, points
         self._of_points = None if unknown is None else unknown[1]

@@ -395,7 +395,7 @@ private:
                     = of_all ? *of_all : view(std::get<Doubles>(reach))[group];
                 CachedTree& cached = _trees[group];
                 const Tree* exact = std::isinf(farthest)
-                                        ? &cached.exactly_at(view(x))
+                                        ? &cached.tight_at(view(x))
                                         : nullptr;
                 const auto tree = [&]() -> const Tree&
                 { return exact ? *exact : cached.at(view(x)); };

@@ -294,10 +294,10 @@ class CentralDifference(Stepper):
         bounds = [bound] * len(self._springs.pairs)
         if self._springs.obstacles_move:
             bounds = self._springs.bounds(self.x, moved)
-        free = self.watch.free(bound)
+        skips_check = self.watch.skips_check(bound)
         # `Stepper.advance` needs it for the overlap check.
-        self._increment = 0.0 if free else moved
-        if not free:
+        self._increment = 0.0 if skips_check else moved
+        if not skips_check:
             with self.timings.phase("passage"):
                 self._check_passage(bound, bounds)
         strained, at_start = forces.strain_energy, bulk.work(du)

@@ -81,7 +81,7 @@ class _Leap:
         self._start = rigid_motions(q)
         self._rate = fields.nearest(self._start, fields.products @ v)
         impulse = inner_products(self._start, mass @ v + dt / 2 * f)
-        amplitudes = prescribed + self._freedom.part(self._rate) * dt
+        amplitudes = prescribed + self._freedom.project(self._rate) * dt
         self.found: Flags = np.zeros(len(q), dtype=bool)
         some = np.arange(len(q))
         for _ in range(_MAX_ITERATIONS):
@@ -119,7 +119,7 @@ class _Leap:
         end = rigid_motions(q)
         drive = mass @ change / dt + dt / 2 * f
         prescribed = 2 * self._prescribed / dt - self._rate
-        prescribed = prescribed - freedom.part(prescribed)
+        prescribed = prescribed - freedom.project(prescribed)
         balance = inner_products(end, drive - mass @ combined(prescribed, end))
         v = combined(prescribed + freedom.solved(products_of(end, mass, end), balance), end)
         # Mean of the guide forces at both ends of the step.

@@ -28,7 +28,7 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.strain_energy import strain_basis
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.cell_moduli import CellModuli
-from dolfinx_nts.model.lumped_mass import nodal_parts
+from dolfinx_nts.model.lumped_mass import nodal_volumes
 from dolfinx_nts.parallel import reductions
 
 __all__ = [
@@ -82,7 +82,7 @@ class Stability:
         # Squared angular frequency of springs with a given stiffness [1/s^2]; and longest step
         # relative to the estimate [-].
         self._given_springs = self._contact()
-        self._part = _WITH_SPRINGS if any(each.is_open for each in springs) else 1.0
+        self._margin = _WITH_SPRINGS if any(each.lacks_penalty for each in springs) else 1.0
         self.limit, self.smallest = math.inf, 0.0
         # Initial energy, work since then, and sum of its magnitudes [J].
         self._energy = self._worked = self._turnover = 0.0
@@ -104,8 +104,8 @@ class Stability:
         """
         bulk, self.smallest = self._cells.limits(x)
         estimate = largest_step(bulk + self._given_springs, self._damping)
-        longest = self._part * estimate
-        is_chosen = not any(springs.is_open for springs in self._springs)
+        longest = self._margin * estimate
+        is_chosen = not any(springs.lacks_penalty for springs in self._springs)
         present = bulk + self._contact()
         self.limit = largest_step(present, self._damping) if is_chosen else longest
         return longest, _DEFAULT * estimate
@@ -136,7 +136,7 @@ class Stability:
         self._exchanged += contact.persistent + contact.activation + contact.facet_change
 
     def exchanged(self, dt: float) -> float:
-        """Energy from springs that had not stored it, if it is to be reported, or 0 [J]. Local.
+        """Energy that springs gave without having stored it [J]; 0 if not to be reported. Local.
 
         Args:
             dt: Length of the steps [s].
@@ -294,7 +294,7 @@ def highest_frequency(
         J = np.einsum("jqv,cvi->cqij", np.array(linear), x[block])
         gradient = np.einsum("jqa,cqji->cqai", np.array(slopes), np.linalg.inv(J))
         volume = np.abs(np.linalg.det(J)) * weights
-        scale = 1 / np.sqrt(material.rho * nodal_parts(element, x[block]))
+        scale = 1 / np.sqrt(material.rho * nodal_volumes(element, x[block]))
         strain = np.einsum("sij,cqaj->cqsai", basis[:, :d, :d], gradient)
         if element.is_axisymmetric:
             r = x[block, :, 0] @ shape.T

@@ -25,18 +25,18 @@ class AdmissibleMotion:
     def __init__(self, bulk: Bulk, u: fem.Function, u_n: fem.Function) -> None:
         self._bulk, self._u, self._u_n = bulk, u, u_n.x.array
 
-    def displacements(self, u: Floats, part: float = 1.0) -> Floats:
+    def displacements(self, u: Floats, fraction: float = 1.0) -> Floats:
         """Project displacements u of the local dofs [m] on admissible displacements. Collective.
 
-        ``part`` is the fraction of the increment from the start of the step, from 0 to 1.
+        ``fraction`` is the fraction of the increment from the start of the step, from 0 to 1.
         """
         u_n, rigid = self._u_n, self._bulk.rigid
         u = self._bulk.supports.applied(u)
-        if part < 1:
-            u = u_n + part * (u - u_n)
+        if fraction < 1:
+            u = u_n + fraction * (u - u_n)
         if rigid.exists:
             trial, du, guided = self._u.x, self.owned(u - u_n), rigid.guides.prescribed
-            self.owned(trial.array)[:] = rigid.moved(self.owned(u_n), du, part * guided)
+            self.owned(trial.array)[:] = rigid.moved(self.owned(u_n), du, fraction * guided)
             trial.scatter_forward()
             u = trial.array.copy()
             trial.array[:] = u_n

@@ -29,15 +29,15 @@ from dolfinx_nts.contact.checks.short_contacts import ShortContacts
 from dolfinx_nts.contact.checks.stiff_nodes import warn_of_stiff_nodes
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
-from dolfinx_nts.contact.implicit.certificate import (
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.normal.interface import eligible_or_excluded
+from dolfinx_nts.contact.implicit.solution_checks import (
     check_boundaries,
     check_forces,
     check_penetration,
     passing_without_contact,
 )
-from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.contact.implicit.normal.interface import known_nodes
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -373,7 +373,7 @@ class ImplicitStepper(Stepper):
             solution = replace(solution, report=report)
             if not missed:
                 break
-            admitted = {step.state: known_nodes(step.normal) for step in steps}
+            admitted = {step.state: eligible_or_excluded(step.normal) for step in steps}
             problem = replace(problem, x_trial=self.x, admitted=admitted)
         return steps, solution
 

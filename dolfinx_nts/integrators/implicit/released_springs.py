@@ -153,7 +153,7 @@ class ReleasedSprings:
                 *(t, state.pair.between, lost[state]),
             )
 
-    def taken(self) -> tuple[Floats, float]:
+    def force_and_energy(self) -> tuple[Floats, float]:
         """Forces of the collected springs on the owned nodes, ``(n, 3)`` [N], and energy [J].
 
         They are not given back. Local.

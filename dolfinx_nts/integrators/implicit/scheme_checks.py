@@ -31,8 +31,7 @@ def make_rates(scheme: Scheme, state: State, dt: fem.Constant, bodies: Sequence[
 
     Raises:
         TypeError: ``scheme.rates`` takes other arguments, or returns no `Rates`.
-        ValueError: The time of stress and loads differs between Newmark's parameters and the
-            scheme.
+        ValueError: The time of stress and loads differs between the rates and the scheme.
     """
     call = f"rates(state, dt, bodies) of the Scheme ({HINT})"
     found = called(scheme.rates, call, state, dt, bodies)
@@ -45,8 +44,9 @@ def make_rates(scheme: Scheme, state: State, dt: fem.Constant, bodies: Sequence[
         for name, value in given.items():
             if not np.isclose(value, time, rtol=0, atol=_INCONSISTENT):
                 raise ValueError(
-                    f"expected {name} of the Scheme to be {time:g}, which is 1 - alpha_f of "
-                    f"Newmark, given {value:g}: with another value the scheme is of first order"
+                    f"expected {name} of the Scheme to be {time:g}, the time of the forces in its "
+                    f"rates (1 - alpha_f of Newmark, 1/2 of the midpoint rule), given {value:g}: "
+                    "with another value the scheme is of first order"
                 )
     return found
 

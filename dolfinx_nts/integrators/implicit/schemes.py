@@ -48,10 +48,11 @@ class EnergyMomentum(ImplicitStepper):
     """Advances bodies and their contact by the energy-momentum scheme.
 
     It conserves linear and angular momentum and, with springs or elastic impact, the total energy,
-    to the tolerance of Newton's method. The energy of a loaded spring that loses its segment is
-    returned to the bodies, or else lost; the energy ledger lists it as ``facet_change``. The stress
-    is a conserving one, and the contact force a discrete gradient of the gap (Franke, Hesch and
-    Betsch 2011, eqs. 53-58). Collective, as are all its methods.
+    to the tolerance of Newton's method. If a loaded spring loses its segment, an impulse returns
+    its energy to the bodies. Where that is impossible, the energy is lost, and the energy ledger
+    lists it as ``facet_change``. The work of the stress in a step is exactly the change of the
+    strain energy, and the contact force is a discrete gradient of the gap (Franke, Hesch and Betsch
+    2011, eqs. 53-58). Collective, as are all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.

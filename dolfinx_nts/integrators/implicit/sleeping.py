@@ -82,11 +82,10 @@ class SleepingBodies:
             if any([load.acts_on(body) for load in loads for body in group])
         }
         self._pairs = self._pairs_of_groups()
+        # Groups that sleep by the last call of `find`, and the accepted displacement there.
         self._asleep: frozenset[_Group] = frozenset()
         self.bodies: frozenset[Body] = frozenset()
-        self._u_n: Floats = np.zeros_like(
-            bulk.u.x.array
-        )  # groups that sleep by the last call of `find`
+        self._u_n: Floats = np.zeros_like(bulk.u.x.array)
 
     def _pairs_of_groups(self) -> dict[_Group, list[PairState]]:
         """Pairs that can act on each group of bodies."""

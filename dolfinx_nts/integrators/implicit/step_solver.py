@@ -10,9 +10,9 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
-from dolfinx_nts.contact.implicit.certificate import missed_contact
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, start_from
 from dolfinx_nts.contact.implicit.local_search import may_face
+from dolfinx_nts.contact.implicit.solution_checks import missed_contact
 from dolfinx_nts.contact.joint_state import JointState, joint_states
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import reference_positions

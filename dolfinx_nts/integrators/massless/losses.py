@@ -40,7 +40,7 @@ class SurfaceDamping:
 
     Attributes:
         resistance: Forces of the resistance, whose derivative at u = u_n is used.
-        taken: Energy dissipated in each group in the step, shape ``(g,)`` [J].
+        dissipated: Energy dissipated in each group in the step, shape ``(g,)`` [J].
     """
 
     def __init__(
@@ -55,13 +55,15 @@ class SurfaceDamping:
         )
         self._work, self._groups = SurfaceWork(damping, rates.u_n, u, every), groups
         self._at_nodes: Floats = np.zeros(self._forces.free.shape)
-        self._taken_before: Floats = np.zeros(len(groups.nodes))
-        self.taken: Floats = self._taken_before
+        self._dissipated_before: Floats = np.zeros(len(groups.nodes))
+        self.dissipated: Floats = self._dissipated_before
 
     def begin(self) -> Floats:
         """Damping forces of the solved step at the massless nodes, shape ``(m, d)`` [N]."""
         self._at_nodes = self._forces.at_nodes()
-        self.taken = self._taken_before = self._groups.sums(slice(None), self._work.at_nodes())
+        self.dissipated = self._dissipated_before = self._groups.sums(
+            slice(None), self._work.at_nodes()
+        )
         return self._at_nodes
 
     def follow(self, dx: Floats) -> Floats:
@@ -72,8 +74,8 @@ class SurfaceDamping:
             step is never negative.
         """
         work = self._groups.sums(self._forces.nodes, (self._at_nodes * dx).sum(axis=1))
-        more: Floats = np.maximum(work, -self._taken_before)
-        self.taken = self._taken_before + more
+        more: Floats = np.maximum(work, -self._dissipated_before)
+        self.dissipated = self._dissipated_before + more
         return more
 
 
@@ -123,7 +125,7 @@ class StepLosses:
         """Energy dissipated in the step on this rank [J]."""
         lost = 0.0 if self._memory is None else float(fem.assemble_scalar(self._memory))
         if self._damping is not None and self._groups.comm.rank == 0:
-            lost += float(self._damping.taken.sum())
+            lost += float(self._damping.dissipated.sum())
         num = len(self._groups.number_of)
         for mass, rate, _ in self._drag:
             force, u_n, u = (a.reshape(-1, mass.dim)[:num] for a in (rate(), *self._ends))

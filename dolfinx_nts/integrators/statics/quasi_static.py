@@ -101,14 +101,15 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
 class QuasiStatic(ImplicitStepper):
     """Finds the equilibrium at the end of each step, without inertia.
 
-    Time is a load parameter. Pairs without a law of their own get multipliers. Contact is closed, g
-    = 0, for any ``impact`` of the multipliers. Friction depends on the slip increment of each step.
-    Damping has no effect. A step with a velocity other than zero is refused.
+    Time is a load parameter. Pairs without ``enforcement`` get multipliers. Gaps in contact are
+    closed, g = 0, for any ``impact`` of the multipliers. Friction depends on the slip increment of
+    each step. Damping has no effect. A step with a velocity other than zero is refused.
 
     Bodies that are supported only by contact are named in the log. For them the tangent contains a
-    small stiffness, but not the balance of forces. Their motions without any resistance are
-    suppressed. Unbalanced forces below 1 % in these motions are carried by inertia (inertia relief)
-    and reported. A step in which a body has no support at all fails, and the error names the body.
+    small stiffness, but not the balance of forces. Rigid motions that nothing resists are
+    suppressed. Unbalanced forces below 1 % in these motions are balanced by inertia forces (inertia
+    relief) and reported. A step in which a body has no support at all fails, and the error names
+    the body.
 
     At a limit load, or where faceted bodies roll, Newton's method may find no equilibrium near the
     last one. Pseudo-transient continuation with a vanishing viscous resistance then finds another
@@ -193,10 +194,10 @@ class QuasiStatic(ImplicitStepper):
         after: list[ContactStep] = []
         solution: newton.Solution
 
-        def attempt(part: float) -> PseudoStep:
+        def attempt(ratio: float) -> PseudoStep:
             nonlocal steps, solution
-            acting = drag if part else None
-            with drag.acting(part, start.guess[:n]):
+            acting = drag if ratio else None
+            with drag.acting(ratio, start.guess[:n]):
                 steps, solution = self._solve(
                     start, problem, all_awake=True, drag=acting, after=after
                 )
@@ -207,7 +208,9 @@ class QuasiStatic(ImplicitStepper):
             )
             if report.converged:
                 wrong = (
-                    self._volume_ratio.inverted() if part else self._rejection(steps, solution, x_n)
+                    self._volume_ratio.inverted()
+                    if ratio
+                    else self._rejection(steps, solution, x_n)
                 )
                 report = replace(report, reason=wrong)
             return PseudoStep(report, increment, self._increment)

@@ -54,36 +54,36 @@ class Resistance:
     It must be large enough for unstable motions, but slows down convergence.
 
     Attributes:
-        part: Resistance relative to the stiffness of the nodes [-].
+        ratio: Resistance relative to the stiffness of the nodes [-].
     """
 
     def __init__(self) -> None:
-        self.part = _FIRST
+        self.ratio = _FIRST
         self._has_failed, self._drive, self._accepted = False, 0.0, 0
 
     def accept(self, increment: float) -> None:
         """Register a pseudo-step that succeeded, with its largest nodal increment [m]."""
-        drive = self.part * increment
+        drive = self.ratio * increment
         calms, self._drive = drive < _CALMER * self._drive, drive
         self._accepted += 1
         if calms or not self._has_failed:
-            self.part, self._accepted = _FALL * self.part, 0
+            self.ratio, self._accepted = _FALL * self.ratio, 0
         elif self._accepted >= _PATIENCE:
-            self.part, self._accepted = _SLOW_FALL * self.part, 0
+            self.ratio, self._accepted = _SLOW_FALL * self.ratio, 0
 
     def fail(self) -> None:
         """Raise the resistance after a pseudo-step that failed."""
-        self.part, self._has_failed, self._accepted = _RISE * self.part, True, 0
+        self.ratio, self._has_failed, self._accepted = _RISE * self.ratio, True, 0
 
     @property
     def is_too_large(self) -> bool:
         """Whether the resistance has reached its upper limit."""
-        return self.part > _LARGEST
+        return self.ratio > _LARGEST
 
     @property
     def is_negligible(self) -> bool:
         """Whether the resistance is negligible."""
-        return self.part < _LEAST
+        return self.ratio < _LEAST
 
 
 class PseudoStep(NamedTuple):
@@ -130,8 +130,8 @@ class Relaxation:
         """Search for an equilibrium; ``reason`` of the report says why none was found."""
         resistance, before, count = Resistance(), (0.0, 0.0), 0
         while self._iterations <= _MOST_ITERATIONS:
-            part = resistance.part
-            step = self._solve(part)
+            ratio = resistance.ratio
+            step = self._solve(ratio)
             report = step.report
             if not report.converged:
                 resistance.fail()
@@ -146,10 +146,10 @@ class Relaxation:
             count += 1
             rests = (
                 count > _UNCOUNTED + 1
-                and part <= before[0]
+                and ratio <= before[0]
                 and step.increment <= _SETTLED * before[1]
             )
-            before = part, step.increment
+            before = ratio, step.increment
             if rests or resistance.is_negligible:
                 last = self._solve(0.0)
                 if last.report.converged and last.increment <= self._distance_from_last(
@@ -166,14 +166,14 @@ class Relaxation:
         """Largest distance of the equilibrium from the last pseudo-step [m]."""
         return max(_FARTHER * increment, _SAME * self._size)
 
-    def _solve(self, part: float) -> PseudoStep:
-        step = self._attempt(part)
+    def _solve(self, ratio: float) -> PseudoStep:
+        step = self._attempt(ratio)
         self.num_steps += 1
         self._iterations += step.report.iterations
         _logger.debug(
             "pseudo-step %d: resistance of %.1e of the stiffness, %d iterations, %s, increment "
             "up to %.3g m, displacement up to %.3g m since the start of the step",
-            *(self.num_steps, part, step.report.iterations),
+            *(self.num_steps, ratio, step.report.iterations),
             *(step.report.reason or "solved", step.increment, step.total),
         )
         return step

@@ -20,7 +20,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.atomic_file import hdf5_file_image, replace
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
@@ -106,7 +106,7 @@ class VtkHdfFile:
         self._steps = on_root(self._comm, lambda: self._begin(resume))
         self._folder.write(self._comm, _GRID, {name: [slab] for name, slab in arrays.items()}, {})
 
-    def write(self, now: Present) -> None:
+    def write(self, now: CurrentState) -> None:
         """Buffer the current state for writing, unless this was done before.
 
         Args:

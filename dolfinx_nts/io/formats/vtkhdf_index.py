@@ -59,7 +59,7 @@ class Block:
         """Describe a file of states. Local.
 
         Raises:
-            Exception: Of many types; the file is no complete file of states.
+            Exception: The file cannot be read or is incomplete; the type depends on the error.
         """
         with h5py.File(path, "r") as file:
             steps, times = (tuple(file.attrs[name].tolist()) for name in ("steps", "times"))

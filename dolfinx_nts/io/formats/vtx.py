@@ -10,8 +10,8 @@ from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.compat import vtx_writer
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.diagnostics.functions import NodalFunctions
-from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields
 
@@ -63,11 +63,11 @@ class VtxFile:
         for number, b in reversed(list(enumerate(self._stepper.bodies))):
             numbers[b.nodes] = number
         body = self._functions.set("body", numbers[: len(self._stepper.node_ids)])
-        functions = [*self._set(Present(self._stepper)), body]
+        functions = [*self._set(CurrentState(self._stepper)), body]
         self._writer: Any = self._make_writer(comm, self._path, functions, engine="BP4")
         self._last_step = -1
 
-    def write(self, now: Present) -> None:
+    def write(self, now: CurrentState) -> None:
         """Write the current state, unless it was written before.
 
         Args:
@@ -89,6 +89,6 @@ class VtxFile:
     def leave(self) -> None:
         """Do nothing: no state is buffered."""
 
-    def _set(self, now: Present) -> list[fem.Function]:
+    def _set(self, now: CurrentState) -> list[fem.Function]:
         """Set the Functions to the values of the current state."""
         return [self._functions.set(name, v) for name, v in self._fields.nodal(now).items()]

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
 from dolfinx_nts.io.fields_folder import FieldsFolder
@@ -183,7 +183,7 @@ class XdmfFile:
         self._steps = on_root(self._comm, lambda: self._begin(mesh, resume))
         self._folder.write(self._comm, _MESH, {name: [slab] for name, slab in mesh.items()}, {})
 
-    def write(self, now: Present) -> None:
+    def write(self, now: CurrentState) -> None:
         """Write the current state, unless it was written before.
 
         Args:

@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx_nts import compat
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.lumped_mass import nodal_parts
+from dolfinx_nts.model.lumped_mass import nodal_volumes
 from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["check_volumes"]
@@ -34,7 +34,7 @@ def check_volumes(bodies: Sequence[Body]) -> None:
             x = mesh.geometry.x[compat.geometry_nodes(mesh)[body.cells]]
             # NaN positions give a NaN volume.
             with np.errstate(invalid="ignore"):
-                volume = nodal_parts(element, x).sum(axis=1)
+                volume = nodal_volumes(element, x).sum(axis=1)
             size = np.ptp(x, axis=1).max(axis=1)
             # Negated, because comparisons with NaN are false.
             flat = np.flatnonzero(~(volume > _FLAT * size**mesh.geometry.dim))

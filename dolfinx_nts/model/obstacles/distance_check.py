@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts.common.arguments import is_of_package, kind_of, positive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
 from dolfinx_nts.model.obstacles.user_distance import signed_distance
 
@@ -27,6 +27,9 @@ _CLOSE = 0.1
 # Deviation of the gradient from the normal above which it is wrong [-], larger than effects of
 # curvature; and admissible deviation of the length of normals, larger than round-off [-].
 _WRONG, _NOT_UNIT = 1e-2, 1e-6
+# Excess of a distance over the distance from a point near the surface, relative to it, above which
+# the distance is too large [-].
+_TOO_LARGE = 1e-3
 # Largest number of iterations towards the surface [-]; points that do not reach it are left out.
 _MOST_ITERATIONS = 50
 
@@ -44,9 +47,10 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
     Raises:
         TypeError: The method `ExactObstacle.distance` takes other arguments, or
             ``shortest_passage`` is not a number.
-        ValueError: It changes the positions, or returns arrays of other shapes or types, normals
-            that are not unit vectors, or that are not the gradient of the distance at the surface;
-            or ``shortest_passage`` is not positive.
+        ValueError: It changes the positions, or returns arrays of other shapes or types; normals
+            are not unit vectors, or not the gradient of the distance at the surface; a distance
+            outside is larger than that from the surface, of an obstacle with a far side; or
+            ``shortest_passage`` is not positive.
     """
     passage = obstacle.shortest_passage
     if passage != np.inf:
@@ -65,6 +69,7 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
         i = int(np.argmax(np.abs(length - 1) > _NOT_UNIT))
         raise _error(obstacle, "unit normals", f"one of length {length[i]:.6g}", x[i])
     x = x[np.isfinite(gap)]
+    start, height = x, gap[np.isfinite(gap)]
     h = max(_STEP * size, _ROUNDING * float(np.abs(x).max()))
 
     def differences(x: Floats) -> tuple[Any, Any]:
@@ -84,8 +89,14 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
             square = np.einsum("mi,mi->m", slope, slope)[:, None]
             x = x - np.clip(excess[:, None] * slope / square, -size, size)
     gap, normal = _evaluated(obstacle, x)
-    there = np.isfinite(normal).all(axis=1) & (np.abs(gap - _NEAR * size) < _CLOSE * _NEAR * size)
-    x, normal = x[there], normal[there]
+    is_near: Flags = np.abs(gap - _NEAR * size) < _CLOSE * _NEAR * size
+    if passage < np.inf:
+        _check_bound(obstacle, start[is_near], height[is_near], x[is_near], gap[is_near])
+    has_normal: Flags = np.isfinite(np.linalg.norm(normal, axis=1))
+    if is_near.any() and not has_normal[is_near].any():
+        i = int(np.argmax(is_near))
+        raise _error(obstacle, "unit normals near the surface", _text(normal[i]), x[i])
+    x, normal = x[is_near & has_normal], normal[is_near & has_normal]
     least, most = np.sort(differences(x), axis=0)
     wrong = (normal[:, :dim] < least - _WRONG) | (normal[:, :dim] > most + _WRONG)
     if wrong.any():
@@ -96,6 +107,32 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
             "normals that are the gradient of the distance",
             f"the normal {_text(normal[i, :dim])} where differences of the distance are "
             f"{_text(slope)}",
+            x[i],
+        )
+
+
+def _check_bound(
+    obstacle: ExactObstacle, x: Floats, height: Floats, near: Floats, gap: Floats
+) -> None:
+    """Raise if a distance outside is larger than that from a point near the surface. Local.
+
+    Otherwise the check of long steps misses nodes that pass through the obstacle.
+
+    Args:
+        obstacle: The obstacle.
+        x: Points, shape ``(m, 3)`` [m].
+        height: Their signed distances, shape ``(m,)`` [m].
+        near: A point near the surface for each, shape ``(m, 3)`` [m].
+        gap: Signed distances of these, shape ``(m,)`` [m].
+    """
+    bound = np.linalg.norm(x - near, axis=1) + np.abs(gap)
+    excess = height - (1 + _TOO_LARGE) * bound
+    if np.any(excess > 0):
+        i = int(np.argmax(excess))
+        raise _error(
+            obstacle,
+            f"distances that are at most the distance from the surface, here {bound[i]:.4g} m",
+            f"{height[i]:.4g} m",
             x[i],
         )
 

@@ -27,7 +27,7 @@ __all__ = ["Obstacle"]
 Self = TypeVar("Self", bound="Obstacle")
 
 # Reserved attributes that an obstacle may set.
-_SETTABLE = {"dim", "key", "shortest_passage"}
+_SETTABLE = {"dim", "shortest_passage"}
 
 
 class Obstacle(Declaration):
@@ -282,16 +282,22 @@ _RESERVED = frozenset(name for name in vars(Obstacle) if name[0] != "_") - _SETT
 
 def _hides(name: str, kind: type[Obstacle]) -> AttributeError:
     """Error for an attribute of a user's class that hides an attribute of all obstacles."""
+    own = vars(Obstacle)[name]
+    if isinstance(own, property):
+        way = f", or a property: write @property above def {name}(self)"
+    else:
+        arguments = ", ".join(signature(own).parameters) if isfunction(own) else ""
+        way = f", or a method {name}({arguments})" if arguments else ""
     return AttributeError(
-        f"expected another name for the attribute {name} of {kind.__name__}, as all obstacles have "
-        f"{', '.join(sorted(_RESERVED))}"
+        f"expected another name for the attribute {name} of {kind.__name__}{way}; all obstacles "
+        f"have {', '.join(sorted(_RESERVED))}"
     )
 
 
 def _may_replace(name: str, value: Any) -> bool:
-    """Whether an attribute of a user's class may replace the same attribute of all obstacles.
+    """Whether an attribute of a user's class may override the same attribute of all obstacles.
 
-    A method may be replaced by one with the same arguments, a property by a property, and
+    A method may be overridden by one with the same arguments, a property by a property, and
     ``is_of_revolution`` by its value.
     """
     own = vars(Obstacle)[name]
@@ -299,4 +305,6 @@ def _may_replace(name: str, value: Any) -> bool:
         return True
     if isinstance(own, property):
         return isinstance(value, property | cached_property)
-    return isfunction(value) and [*signature(value).parameters] == [*signature(own).parameters]
+    if not (isfunction(own) and isfunction(value)):
+        return False
+    return [*signature(value).parameters] == [*signature(own).parameters]

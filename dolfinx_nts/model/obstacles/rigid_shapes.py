@@ -112,7 +112,9 @@ class ExactObstacle(Obstacle):
     least thickness [m]; without it, steps are not checked for nodes that pass through. In the
     plane, the class attribute ``dim`` is 2; positions and normals keep three components, with z =
     0. For axisymmetric meshes, the class attribute ``is_of_revolution`` is True as well. Other
-    attributes are shown in messages and compared in checkpoints.
+    attributes are shown in messages and compared in checkpoints. In the first step the distance is
+    checked at a few points: near the surface its finite differences must be the normal, and outside
+    it must not exceed the distance from the surface.
 
     Example:
         >>> class Drop(nts.ExactObstacle):
@@ -133,8 +135,8 @@ class ExactObstacle(Obstacle):
 
         Returns:
             Gap, positive outside the obstacle, shape ``(m,)`` [m], and outward unit normal, the
-            gradient of the gap, shape ``(m, 3)``. A normal that is not unique may be NaN. Far from
-            the surface the gap may be smaller in magnitude than the distance, but not larger: it is
+            gradient of the gap, shape ``(m, 3)``. A normal that is not unique may be NaN. Outside,
+            far from the surface, the gap may be smaller than the distance, but not larger: it is
             the step length along paths of nodes (sphere tracing).
         """
 

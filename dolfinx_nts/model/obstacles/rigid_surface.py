@@ -78,7 +78,7 @@ class RigidSurface(Obstacle):
                 f"{np.flatnonzero(side == 0)[0]}"
             )
         self._orientation = np.sign(side)
-        self.key = np.arange(len(facets), dtype=np.int64)
+        vars(self)["key"] = np.arange(len(facets), dtype=np.int64)  # reserved for own classes
         self._facets: Ints = np.ascontiguousarray(facets, dtype=np.int32)
         self._segments = _kernels.Segments(self._facets, self._orientation, self.key)
         self._adjacent = AdjacentFacets(self._facets, self._orientation)

@@ -42,7 +42,7 @@ class Crossing(NamedTuple):
 
     @classmethod
     def of(cls, a: Floats, b: Floats) -> "Crossing":
-        """Crossings of edges with ends a and b, both ``(m, 2, 3)`` [m]."""
+        """Crossing of each edge a with an edge b, given by their ends, both ``(m, 2, 3)`` [m]."""
         first, second, between = a[:, 1] - a[:, 0], b[:, 1] - b[:, 0], b[:, 0] - a[:, 0]
         product = cross(first, second)
         area = np.linalg.norm(product, axis=1)

@@ -256,8 +256,10 @@ class EdgeCandidates(SegmentCandidates):
             tangent=to_nodes.T @ found.tangent @ to_nodes,
         )
 
-    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        return super().slip(law, points, x_n, x, segment).combined(self._weights)
+    def slip(
+        self, measure: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> Slip:
+        return super().slip(measure, points, x_n, x, segment).combined(self._weights)
 
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
         # Edges have no path below a surface.

@@ -66,5 +66,7 @@ class RigidEdgeCandidates(EdgeCandidates):
     ) -> ContactKinematics:
         return self.frame.turned(scheme, super().contact(scheme, points, x_n, x, segment))
 
-    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        return self.frame.turned_slip(super().slip(law, points, x_n, x, segment))
+    def slip(
+        self, measure: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> Slip:
+        return self.frame.turned_slip(super().slip(measure, points, x_n, x, segment))

@@ -130,7 +130,9 @@ class FacetCandidates(SegmentCandidates):
         weights = self._weights(segment)
         return found if weights is None else found.combined(weights)
 
-    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+    def slip(
+        self, measure: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> Slip:
         pairs_n, pairs = (self.pairs(points, y, segment) for y in (x_n, x))
         return self.slip_between(pairs_n, pairs, segment)
 

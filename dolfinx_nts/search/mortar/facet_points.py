@@ -197,7 +197,7 @@ class FacetPoints:
         of_points = scatter.forward(kink)[facets.vertices[self.facet, :k], :2].max(axis=1)
         return of_points.max(axis=1), of_points[:, 1]
 
-    def largest_parts(self, states: Sequence[Floats], slack: float) -> Floats:
+    def largest_dual_fractions(self, states: Sequence[Floats], slack: float) -> Floats:
         """Largest fraction of dual functions that keeps mean gaps above the least gap. Local.
 
         With this fraction, or less on some facets, the mean gap of a node is not less than the
@@ -230,7 +230,7 @@ class FacetPoints:
             above = integrals((functions.T * gap).T)
             return above - least[vertices] * integrals(functions)
 
-        part: Floats = np.ones(len(facets.nodes))
+        fraction: Floats = np.ones(len(facets.nodes))
         for x in states:
             gap, least = self._gaps(x)
             linear, dual = (integrals_above(gap, least, f) for f in (self.linear, self.dual))
@@ -239,8 +239,8 @@ class FacetPoints:
             # If the gap is constant up to round-off, the dual functions are kept.
             with np.errstate(invalid="ignore", divide="ignore"):
                 room = area * area / (area + there)
-                part = np.fmin(part, (there + room) / taken)
-        return part
+                fraction = np.fmin(fraction, (there + room) / taken)
+        return fraction
 
     def _weights_at_kinks(self, inner: Ints, gap: Floats, level: Floats, slack: float) -> Floats:
         """Weights of the points ``inner`` opposite kinks: 1 up to a multiple of the least gap.
@@ -290,7 +290,7 @@ class FacetPoints:
 
     def points(
         self,
-        part: Floats | None = None,
+        dual_fraction: Floats | None = None,
         x: Floats | None = None,
         slack: float = 0.0,
         *,
@@ -304,8 +304,8 @@ class FacetPoints:
         on the facets next to that of the point, and then decreases.
 
         Args:
-            part: Largest part of the dual functions around each node, shape ``(n,)``; None: 1,
-                and the method is local.
+            dual_fraction: Largest fraction of the dual functions around each node, shape ``(n,)``;
+                None: 1, and the method is local.
             x: Positions whose gaps determine the weights, in equilibrium or at t_n, shape ``(l,
                 3)`` [m]. With None all weights are 1, and no points are left out.
             slack: Difference of gaps that is round-off [m].
@@ -319,10 +319,10 @@ class FacetPoints:
             has_weight &= ~adjacent.are_nearer_to_adjacent(*places)
         inner = np.flatnonzero(has_weight).astype(np.int32)
         facet, psi = self.facet[inner], self.dual[inner]
-        if part is not None:
+        if dual_fraction is not None:
             scatter, k = self.candidates.scatter, psi.shape[1]
             values = np.ones((scatter.index_map.size_local, 3))
-            values[facets.nodes, 0] = part
+            values[facets.nodes, 0] = dual_fraction
             gap: Floats = np.zeros(len(inner))
             linear, kink = self.linear[inner], self.kink[inner]
             if x is not None:

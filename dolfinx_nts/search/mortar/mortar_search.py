@@ -139,7 +139,7 @@ class MortarSearch(FacetSearch):
         there = candidates.scatter.forward(x)
         return _kernels.facets_may_be_within(there, facets, segments, reach)
 
-    def per_area(self, force: Floats, part: Floats, covered: Floats) -> Floats:
+    def per_area(self, force: Floats, facing: Floats, covered: Floats) -> Floats:
         """Vertex forces per covered area [Pa], interpolated to mid-nodes of degree 2.
 
         The force of a node may act on a sliver of its facets, below an edge of the other body. The
@@ -148,8 +148,8 @@ class MortarSearch(FacetSearch):
 
         Mid-nodes beside a vertex without a segment have none: those of free faces beside a contact.
         """
-        facing = self._area * part
-        own = np.clip(np.divide(covered, facing, out=np.ones_like(part), where=facing > 0), 0, 1)
+        area = self._area * facing
+        own = np.clip(np.divide(covered, area, out=np.ones_like(facing), where=area > 0), 0, 1)
         columns = np.column_stack([covered, force])
         presses = np.abs(columns[:, 1:]).max(axis=1) > 0
         mean = (own * columns.T + (1 - own) * self._around_nodes(columns).T).T

@@ -64,7 +64,9 @@ class SmoothCandidates(SegmentCandidates):
         found = self._kinematics(scheme, *self._both_states(points, x_n, x, segment))
         return found.combined(self._weights[segment])
 
-    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+    def slip(
+        self, measure: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> Slip:
         slip = self._slip(*self._both_states(points, x_n, x, segment))
         return slip.combined(self._weights[segment])
 

@@ -169,8 +169,10 @@ class SphereCandidates(SmoothCandidates):
         b[:, :, 1], b[:, :, 2:] = -tau.sum(axis=2), tau
         return frame_n, b, b @ x
 
-    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        slip = super().slip(law, points, x_n, x, segment)
+    def slip(
+        self, measure: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> Slip:
+        slip = super().slip(measure, points, x_n, x, segment)
         pairs_n, pairs, _ = self._both_states(points, x_n, x, segment)
         return SphereSlip(
             slip,

@@ -122,7 +122,7 @@ def solve_cone_problem(
     new, first = list(states), sum(len(part[0]) for part in parts[: comm.rank])
     for i in deciding:
         last = first + len(states[i].active)
-        new[i] = apply_solution(steps[i], states[i], found.part(slice(first, last)))
+        new[i] = apply_solution(steps[i], states[i], found.subset(slice(first, last)))
         first = last
     return tuple(new)
 

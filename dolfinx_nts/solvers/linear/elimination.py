@@ -29,7 +29,8 @@ from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks
 __all__ = ["ActivePairs", "CoupledPairs", "Elimination", "active_pairs"]
 
 
-Part = tuple[Floats, Floats]
+# A nodal vector at the owned nodes, and its values at ghosts.
+Ghosted = tuple[Floats, Floats]
 
 _NO_VALUES = np.empty(0)  # zero constraint values
 
@@ -37,8 +38,8 @@ _NO_VALUES = np.empty(0)  # zero constraint values
 class ActivePairs:
     """Active pairs of one contact pair; no two of them constrain the same node.
 
-    Vectors are nodal, shape ``(n, d)``, over the owned nodes. The *part* of a vector is the tuple
-    of this vector, which must not change, and of its values at ghosts.
+    Vectors are nodal, shape ``(n, d)``, over the owned nodes. A *ghosted* vector is the tuple
+    of such a vector, which must not change, and of its values at ghosts.
 
     Args:
         candidates: Candidates of the search, which exchange values of their nodes.
@@ -84,25 +85,25 @@ class ActivePairs:
         """Whether the projections exist for this contact pair. Collective."""
         return True
 
-    def constrain(self, values: Floats, x: Floats) -> Part:
-        """Replace x by Z x + E (G^T E)^-1 values; return the part of the new x. Collective."""
-        part = self.part(x)
-        self._kernel.constrain(values, *part)
-        return part
+    def constrain(self, values: Floats, x: Floats) -> Ghosted:
+        """Replace x by Z x + E (G^T E)^-1 values; return the new x, ghosted. Collective."""
+        ghosted = self.ghosted(x)
+        self._kernel.constrain(values, *ghosted)
+        return ghosted
 
-    def act(self, part: Part, y: Floats) -> Floats:
-        """Replace y by Z~^T (y + C x) for the part of x. Collective.
+    def act(self, x: Ghosted, y: Floats) -> Floats:
+        """Replace y by Z~^T (y + C x) for a ghosted x. Collective.
 
         Returns:
             Multipliers of the forces that are removed, shape ``(m, 3)`` [N].
         """
         ghosts = self.ghosts.no_values(y.shape[1])
-        removed = self._kernel.act(*part, y, ghosts)
+        removed = self._kernel.act(*x, y, ghosts)
         self.ghosts.add_of_ghosts(y, ghosts)
         return removed
 
-    def part(self, x: Floats) -> Part:
-        """Part of a nodal vector for these pairs. Collective."""
+    def ghosted(self, x: Floats) -> Ghosted:
+        """A nodal vector with its values at the ghosts of these pairs. Collective."""
         return x, self.ghosts.at_ghosts(x)
 
     def global_blocks(self) -> ContactBlocks:
@@ -130,19 +131,19 @@ class CoupledPairs(ActivePairs):
     @property
     def is_regular(self) -> bool:
         ones = np.ones(self._gradients.directions.shape[:2])
-        parts = [system.solve(ones) for system in (self._gradients, self._forces)]
-        return all(bool(np.isfinite(part).all()) for part in parts)
+        solutions = [system.solve(ones) for system in (self._gradients, self._forces)]
+        return all(bool(np.isfinite(each).all()) for each in solutions)
 
-    def constrain(self, values: Floats, x: Floats) -> Part:
-        missing = self._kernel.missing(values, *self.part(x))
+    def constrain(self, values: Floats, x: Floats) -> Ghosted:
+        missing = self._kernel.missing(values, *self.ghosted(x))
         directions = self._gradients.directions
         steps = self._gradients.solve(missing[:, : directions.shape[1]])
         self._eliminated.move((steps[:, None] @ directions)[:, 0], x)
-        return self.part(x)
+        return self.ghosted(x)
 
-    def act(self, part: Part, y: Floats) -> Floats:
+    def act(self, x: Ghosted, y: Floats) -> Floats:
         ghosts = self.ghosts.no_values(y.shape[1])
-        self._kernel.add_tangent(*part, y, ghosts)
+        self._kernel.add_tangent(*x, y, ghosts)
         self.ghosts.add_of_ghosts(y, ghosts)
         directions = self._forces.directions
         force = (directions @ self._eliminated.gather(y)[:, :, None])[:, :, 0]
@@ -200,18 +201,18 @@ class Elimination:
         """Whether no pair is active on any rank."""
         return not self.pairs
 
-    def particular(self, shape: tuple[int, ...]) -> tuple[Floats, list[Part]]:
-        """Particular solution x_p of G^T x_p = -(g - g_ref), and its parts, see `constrain`."""
+    def particular(self, shape: tuple[int, ...]) -> tuple[Floats, list[Ghosted]]:
+        """Particular solution x_p of G^T x_p = -(g - g_ref), also ghosted for each of `pairs`."""
         x = np.zeros(shape)
         return x, [p.constrain(-p.excess, x) for p in self.pairs]
 
-    def constrain(self, x: Floats) -> list[Part]:
-        """Replace x by Z x; return the part of Z x for each of `pairs`."""
+    def constrain(self, x: Floats) -> list[Ghosted]:
+        """Replace x by Z x; return Z x, ghosted for each of `pairs`."""
         return [p.constrain(_NO_VALUES, x) for p in self.pairs]
 
-    def act(self, parts: list[Part], y: Floats) -> Floats:
-        """Replace y by Z~^T (y + sum lambda dF/dq x), with the parts of x from `constrain`."""
-        self._project(parts, y)
+    def act(self, ghosted: list[Ghosted], y: Floats) -> Floats:
+        """Replace y by Z~^T (y + sum lambda dF/dq x), with x as returned by `constrain`."""
+        self._project(ghosted, y)
         return y
 
     def multipliers(self, x: Floats, y: Floats) -> list[Floats]:
@@ -224,12 +225,12 @@ class Elimination:
         Returns:
             Multipliers of each of `pairs`, constraint by constraint [N].
         """
-        removed = zip(self.pairs, self._project([p.part(x) for p in self.pairs], y), strict=True)
+        removed = zip(self.pairs, self._project([p.ghosted(x) for p in self.pairs], y), strict=True)
         return [
             -values[np.arange(p.blocks.normal.shape[1]) < p.blocks.rank[:, None]]
             for p, values in removed
         ]
 
-    def _project(self, parts: list[Part], y: Floats) -> list[Floats]:
+    def _project(self, ghosted: list[Ghosted], y: Floats) -> list[Floats]:
         """Project y; return the multipliers of the removed forces, each ``(m, 3)``."""
-        return [p.act(x, y) for p, x in zip(self.pairs, parts, strict=True)]
+        return [p.act(x, y) for p, x in zip(self.pairs, ghosted, strict=True)]

@@ -61,7 +61,7 @@ class ConeSolution(NamedTuple):
     presses: Flags
     slides: Flags
 
-    def part(self, points: slice) -> "ConeSolution":
+    def subset(self, points: slice) -> "ConeSolution":
         """Subset of the points. Local."""
         return ConeSolution(
             self.force[points], self.motion[points], self.presses[points], self.slides[points]

@@ -74,7 +74,7 @@ class KrylovFailures:
         self._in_a_row = self._left = 0
 
     def skip(self) -> bool:
-        """Whether to skip the method for the next system; counts the call. Local."""
+        """Whether to skip Krylov iterations for the next system, which this call counts. Local."""
         is_left_out = self._left > 0
         self._left -= is_left_out
         return is_left_out
@@ -377,7 +377,7 @@ class LinearSolver:
         else:
             self._contacts.update(elimination)
             total: Floats = self._nodal(R).copy()
-            particular, parts = elimination.particular(total.shape)
+            particular, ghosted = elimination.particular(total.shape)
             # Near convergence the contribution of the particular solution is below the tolerance.
             force = _ROW_SUM * self.tangent.nodal_stiffness()[:, None] * particular
             squares = [float(np.vdot(force, force)), float(R @ R)]
@@ -385,7 +385,7 @@ class LinearSolver:
             negligible = _NEGLIGIBLE * rtol * whole
             if part > negligible:
                 total += self._operator.action(particular, negligible / part)
-            r = -bulk.rigid.project(None, elimination.act(parts, total))
+            r = -bulk.rigid.project(None, elimination.act(ghosted, total))
         if not is_local and rtol >= self.one_application_reduction:
             one: Floats = (particular + self._krylov.precondition_once(r)).ravel()
             return one

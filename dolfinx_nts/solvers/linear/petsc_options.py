@@ -45,8 +45,8 @@ class PetscOptions:
 
     Raises:
         TypeError: The options are not a mapping.
-        ValueError: The preconditioner does not exist on several ranks, a name is not a string or
-            has a dash, or Newton's method sets the option.
+        ValueError: The preconditioner does not exist on several ranks or is in Python without a
+            class, a name is not a string or has a dash, or Newton's method sets the option.
     """
 
     def __init__(self, comm: MPI.Comm, options: Mapping[str, Any] | None) -> None:
@@ -72,6 +72,11 @@ class PetscOptions:
             raise ValueError(
                 "expected a pc_type that exists on several ranks, as asm with sub_pc_type "
                 f"{kind} does, given {kind} on {comm.size} ranks"
+            )
+        if kind == "python" and "pc_python_type" not in self.bulk:
+            raise ValueError(
+                "expected petsc_options with a class as pc_python_type, such as "
+                f"'my_module.MyClass', for pc_type python, given {options}"
             )
         self._names = {
             f"{self.bulk_prefix if key in self.bulk else self.prefix}{key}": key for key in options

@@ -69,11 +69,11 @@ class Operator:
             x: Vector at the owned nodes, shape ``(n, d)``, overwritten with Z x.
             reduction: Remaining reduction of the residual [-].
         """
-        parts = self.elimination.constrain(x)
+        ghosted = self.elimination.constrain(x)
         if math.isinf(self._rounding):
             self._rounding = self.bulk.rounding(x)
         product = self.action(x, _NEGLIGIBLE * reduction)
-        return self.bulk.rigid.project(x, self.elimination.act(parts, product))
+        return self.bulk.rigid.project(x, self.elimination.act(ghosted, product))
 
     def action(self, z: Floats, error: float) -> Floats:
         """Tangent of the bodies times a vector, with a relative error of at most ``error``."""

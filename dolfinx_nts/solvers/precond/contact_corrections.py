@@ -14,12 +14,13 @@ from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
 __all__ = ["ContactCorrections"]
 
-# Krylov iterations per decade [-] above which the Schwarz correction is replaced, with ILU(1) or
-# complete factors; and largest number of contact nodes [-] for the dense complement.
-_POOR, _MOST_NODES = 4.0, 100
+# Krylov iterations per decade of the residual [-] above which the Schwarz correction is replaced,
+# with ILU(1) or complete factors; and largest number of contact nodes [-] for the dense complement.
+_SLOW, _MOST_NODES = 4.0, 100
 # Largest number of contact forces in a cone complementarity problem; its cost grows with the cube.
 _MOST_FORCES = 300
-# Lower bound on the decades of a solve, since every solve takes at least one iteration.
+# Lower bound on the reduction of the residual in a solve, in decades [-], since every solve takes
+# at least one iteration.
 _FEWEST_DECADES = 0.3
 # Weakest reduction of a solve [-]: with the complement it is cheap and saves Newton iterations;
 # with the Schwarz correction there is no such bound.
@@ -80,7 +81,7 @@ class ContactCorrections:
         """
         if not self.uses_complement:
             self._schwarz.judge(iterations, decades)
-        slow = iterations > _POOR * max(decades, _FEWEST_DECADES)
+        slow = iterations > _SLOW * max(decades, _FEWEST_DECADES)
         self._schwarz_is_poor |= slow and self._bulk.has_responses
 
     def update(self, elimination: Elimination) -> None:

@@ -30,15 +30,16 @@ _MOST_MOVED, _OTHER_GRADIENT = 0.25, 0.25
 _NEGLIGIBLE = 0.01
 
 # Cost of factors of a narrow and of a wide subdomain with all nodes, in Krylov iterations. The wide
-# one has fill.
+# one has fill-in.
 _FACTORS, _WIDE_FACTORS = 14.0, 26.0
 # Decades of reduction over which costs are measured: about one step, and two steps in the trial,
 # which includes the first factorisation.
 _DECADES, _TRIAL_DECADES = 12.0, 24.0
-# Iterations per decade above which the wide subdomain is tried, and largest cost ratio for which it
-# is kept.
-_POOR, _PAYS = 2.0, 0.9
-# Lower bound on the decades of a solve, since every solve takes at least one iteration.
+# Iterations per decade of the residual above which the wide subdomain is tried, and largest cost
+# ratio for which it is kept.
+_SLOW, _CHEAPER = 2.0, 0.9
+# Lower bound on the reduction of the residual in a solve, in decades [-], since every solve takes
+# at least one iteration.
 _FEWEST_DECADES = 0.3
 
 
@@ -75,12 +76,12 @@ class SubdomainWidth:
         self.decades += max(decades, _FEWEST_DECADES)
         if self.is_final or self.decades < (_TRIAL_DECADES if self.is_wide else _DECADES):
             return False
-        was_wide, is_poor = self.is_wide, self.iterations > _POOR * self.decades
+        was_wide, is_slow = self.is_wide, self.iterations > _SLOW * self.decades
         cost = (self.iterations + self.factors) / self.decades
         self.iterations = self.factors = self.decades = 0.0
         if was_wide:
-            self.is_wide, self.is_final = cost < _PAYS * self.narrow, True
-        elif is_poor:
+            self.is_wide, self.is_final = cost < _CHEAPER * self.narrow, True
+        elif is_slow:
             self.is_wide, self.narrow = True, cost
         return self.is_wide != was_wide
 
@@ -164,7 +165,7 @@ class ContactSchwarz:
         if version[0] != self._version[0] or self._has_changed(now):
             self._contacts = now
             self._build(version[0])
-            self._width.count_factors(self._part())
+            self._width.count_factors(self._largest_fraction())
         self._version = version
 
     def judge(self, iterations: int, decades: float) -> None:
@@ -232,7 +233,7 @@ class ContactSchwarz:
         self._domain.build(contacts, version, wide=self._width.is_wide)
         self.num_builds += 1
 
-    def _part(self) -> float:
+    def _largest_fraction(self) -> float:
         """Largest fraction on any rank of nodes in the subdomain [-]. Collective."""
         assert self._domain is not None
         part = self._domain.size / max(self._tangent.rows.index_map.size_local, 1)

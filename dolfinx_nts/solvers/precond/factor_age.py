@@ -18,14 +18,14 @@ __all__ = ["FactorAge"]
 # Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
 # factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
-# Largest number of iterations [-] with the strongest complete factors: the cost of new ones and of
-# factors of the complete system.
+# Largest number of iterations [-] with the strongest complete factors. It is their cost plus that
+# of factors of the complete system, in iterations.
 _MOST_ITERATIONS = 80
 # Iterations per decade of reduction [-] above which stronger factors are cheaper than new factors
 # of the same kind; above which ILU(1) is cheaper than ILU(0), with the number of decades over which
 # they are measured; and above which factors of the derivative replace complete factors of the
 # approximate matrix.
-_SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
+_SLOW, _SLOW_ILU0, _LEAST_DECADES, _SLOW_NEARBY = 15.0, 6.0, 4.0, 4.0
 # Courant number above which strong factors are used from the start.
 _MOST_CROSSINGS = 50.0
 # Decades of reduction over which the iterations of new factors are measured, about as many as in a
@@ -35,15 +35,16 @@ _DECADES, _EASIER = 12.0, 0.7
 # Lower bound on the reduction by one application of the preconditioner [-]: unlike a Krylov
 # iteration, it does not scale its result.
 _UNSCALED = 0.1
-# Lower bound on the decades of a solve, since every solve takes at least one iteration.
+# Lower bound on the reduction of the residual in a solve, in decades [-], since every solve takes
+# at least one iteration.
 _FEWEST_DECADES = 0.3
 # Ratio of inertia to stiffness [-] that counts as no inertia.
 _NO_INERTIA = 1e-30
 
 
 @dataclass
-class _Pace:
-    """Iterations and decades of reduction of some solves."""
+class _SolveCounts:
+    """Iterations of some solves, and their reduction of the residual in decades."""
 
     iterations: float = 0.0
     decades: float = 0.0
@@ -85,7 +86,7 @@ class FactorAge:
 
     def _begin(self) -> None:
         """Reset the counts of the first decades, of recent decades, and of decades in contact."""
-        self._first, self._last, self._in_contact = _Pace(), _Pace(), _Pace()
+        self._first, self._last, self._in_contact = _SolveCounts(), _SolveCounts(), _SolveCounts()
         # Iterations per decade with new factors, NaN until measured, and accumulated excess of
         # iterations over these.
         self._fresh, self._excess = math.nan, 0.0
@@ -125,7 +126,7 @@ class FactorAge:
         self._excess += iterations - self._fresh * decades
         self._last.add(iterations, decades)
         if self._last.decades >= _DECADES:
-            rate, self._last = self._last.rate, _Pace()
+            rate, self._last = self._last.rate, _SolveCounts()
             if rate < _EASIER * self._fresh:
                 self._fresh, self._excess = rate, 0.0
 
@@ -158,11 +159,11 @@ class FactorAge:
         factors = self._factors
         if not factors.may_be_strengthened:
             return
-        shown, rate = self._first.decades > _DECADES_SHOW, self._first.rate
+        shown, rate = self._first.decades > _LEAST_DECADES, self._first.rate
         is_slow = (is_new or shown) and rate > _SLOW
-        pays = factors.is_ilu0 and shown and rate > _FILL_PAYS
-        is_far = factors.is_complete and self._fresh > _EXACT_PAYS
-        if is_slow or pays or is_far:
+        needs_fill = factors.is_ilu0 and shown and rate > _SLOW_ILU0
+        is_far = factors.is_complete and self._fresh > _SLOW_NEARBY
+        if is_slow or needs_fill or is_far:
             factors.strengthen()
             self.build()
 
@@ -177,7 +178,9 @@ class FactorAge:
         if self._factors.point is not None:
             numbers = [float(number) for number in age]
             self._fresh, self._excess = numbers[:2]
-            self._first, self._last, self._in_contact = map(_Pace, numbers[2::2], numbers[3::2])
+            self._first, self._last, self._in_contact = map(
+                _SolveCounts, numbers[2::2], numbers[3::2]
+            )
 
     def _wave_crossings(self) -> float:
         """Courant number c h/dx, the number of cells that waves cross in a step. Collective.

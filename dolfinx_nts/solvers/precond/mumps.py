@@ -7,7 +7,7 @@ from petsc4py import PETSc
 __all__ = ["factorised", "signs"]
 
 # Memory in excess of the estimate by MUMPS [%], tried one after the other. The estimate is based on
-# the sparsity pattern; delayed pivots, as in the rows of multipliers, cause more fill.
+# the sparsity pattern; delayed pivots, as in the rows of multipliers, cause more fill-in.
 _ROOM = (50, 200, 800, 3200)
 # MUMPS parameters ICNTL: memory relaxation, root block on one rank (needed for the inertia), null
 # pivot detection. INFOG: error code, numbers of negative and of null pivots.

@@ -162,7 +162,7 @@ class _GatheredRows:
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it at owned nodes. Collective."""
         none: Floats = np.empty((0, 2 * r.shape[1]))
-        self._factors.correct(r, z, none if self._halo is None else self._halo.carry(r, z))
+        self._factors.correct(r, z, none if self._halo is None else self._halo.exchange(r, z))
 
     def _place(self, nodes: GlobalInts) -> Ints:
         """Indices of nodes in the list of columns."""
@@ -183,7 +183,7 @@ class _Halo:
         self._vector = la.vector(index_map, 2 * dim)
         self._values: Floats = self._vector.array.reshape(-1, 2 * dim)
 
-    def carry(self, r: Floats, z: Floats) -> Floats:
+    def exchange(self, r: Floats, z: Floats) -> Floats:
         """Values at the ghosts of two vectors at the owned nodes, both ``(n, d)``. Collective."""
         both = [r.take(self._shared, axis=0), z.take(self._shared, axis=0)]
         self._values[self._shared] = np.concatenate(both, axis=1)

@@ -164,8 +164,9 @@ class BulkPreconditioner:
         is_of_user = self._options.bulk and not self.is_strong
         if is_of_user and self._tangent.rows.index_map.comm.rank == 0:
             text = (
-                "%s of petsc_options fails, and stronger factors replace it: harmless for the "
-                "results, but omit the option, or choose another one, to save time"
+                "the preconditioner %s of petsc_options fails, and stronger factors replace it: "
+                "harmless for the results, but omit the option, or choose another one, to save "
+                "time"
             )
             _logger.warning(text, str(self))
         fully |= bool(self._options.bulk)

@@ -46,7 +46,7 @@ class Freedom(NamedTuple):
         """Free motions of a subset of the bodies."""
         return Freedom(self.free[some], self.no_motion[some])
 
-    def part(self, amplitudes: Floats) -> Floats:
+    def project(self, amplitudes: Floats) -> Floats:
         """Project the amplitudes of all motions on the free motions, both ``(b, k)``."""
         return self._back((self.free @ amplitudes[..., None])[..., 0])
 

@@ -204,7 +204,7 @@ class RigidMotion(RigidStates):
         q = self._fields.positions(of_u)
         amplitudes = nearest(rigid_motions(q), self._fields.products, increments)
         # Small changes are added to u, as differences of positions would have more round-off.
-        amplitudes = self._fields.freedom.part(amplitudes) + prescribed
+        amplitudes = self._fields.freedom.project(amplitudes) + prescribed
         changes = turned(q, amplitudes)
         result[self.nodes] = (u + self._fields.put(changes, np.zeros_like(u)))[self.nodes]
         return result

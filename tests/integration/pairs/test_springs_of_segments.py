@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from dolfinx_nts.io import checkpoint
 from helpers.once import once
 
 E, RHO, LENGTH, WIDTH, CELLS = 2e11, 7.8e3, 1.0, 0.1, 40
@@ -168,3 +169,60 @@ def test_coarse_soft_pads_do_not_sink_through_a_thin_sheet(comm, scheme):
     assert last.reactions[0].force[1] > 0.8 * pressure
     # Springs as soft as the cells of the pads are compressed by 0.5 and 4.5 times the thickness.
     assert -diagnostics.min_gap() < 0.4 * thickness
+
+
+def block_on_two(model: Any) -> None:
+    """A block just above a soft and a stiff one, side by side."""
+    for name, corner, width in (
+        ("soft", (0, 0), 1),
+        ("hard", (1.001, 0), 1),
+        ("top", (0, 0.5 + 1e-6), 2.001),
+    ):
+        parts.add_rectangle(
+            model, name, corner=corner, size=(width, 0.5), cells=(4 * round(width), 2)
+        )
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("is_resumed", [False, True])
+def test_laws_of_friction_see_the_whole_area_above_soft_segments_in_explicit_steps(
+    comm, tmp_path, monkeypatch, is_resumed
+):
+    """It was multiplied by the fraction of the spring stiffness, here 0.002, as in `Tresca`."""
+
+    class Cohesive(nts.FrictionLaw):
+        depends_on_slip = False
+
+        def limit(self, p, slip, dt, nodes):
+            areas.append(nodes.area)
+            return 10.0 * nodes.area, 0.0, 0.0
+
+    def scene():
+        whole = list(bodies.values())
+        pair = nts.ContactPair(bottom, top, friction=Cohesive())
+        return nts.CentralDifference(whole, [pair], dt=1e-4)
+
+    areas: list[Any] = []
+    mesh, cells, _, tag = nts.read_mesh(block_on_two, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    bodies = {
+        name: nts.Body(
+            V, cells, tag[name], nts.NeoHookean(1e4 if name == "soft" else 1e7, 0.3, 1e3)
+        )
+        for name in ("soft", "hard", "top")
+    }
+    bottom = nts.boundary_of(bodies["top"])
+    top = nts.boundary_of(bodies["soft"], bodies["hard"], where=lambda x: x[1] > 0.5 - 1e-5)
+    stepper = scene()
+    stepper.set_velocity(bodies["top"], (0.3, -0.5))
+    path = tmp_path / "run.h5"
+    for _ in range(6):
+        stepper.advance()
+    if is_resumed:
+        checkpoint.save(path, stepper)
+        stepper = scene()
+        # As on another number of ranks.
+        monkeypatch.setattr(checkpoint, "_partition", lambda _: np.zeros(1, dtype=np.uint8))
+        checkpoint.load(path, stepper)
+    stepper.advance()
+    assert areas[-1].sum() == pytest.approx(2.001)

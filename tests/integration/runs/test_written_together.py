@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.io import checkpoint
 from helpers.models.boxed import Box
@@ -107,7 +107,7 @@ def test_memory_for_writing_is_shared_by_the_ranks(comm, folder, agree, what):
         with nts.Recorder(folder / "run", stepper, fields=what) as record:
             stepper.step = 1
             files = record._files.fields
-            mine = peak(lambda: (files.write(Present(stepper)), files.flush()))
+            mine = peak(lambda: (files.write(CurrentState(stepper)), files.flush()))
         name = "000000001-000000001.h5" if what == "vtkhdf" else "000000001.h5"
         file = folder / "run_fields" / name
     whole = file.stat().st_size

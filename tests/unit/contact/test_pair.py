@@ -494,7 +494,7 @@ def test_pair_never_changes_and_answers_for_one_stepper_alone(comm, agree, refus
     assert agree(pair.history is scene.stepper.contacts[0].history)
     other = nts.EnergyMomentum(bodies, scene.stepper.pairs, dt=BLOCK_STEP)
     for question in (lambda: pair.history, lambda: pair.pressure, lambda: pair.gap(other.x)):
-        with refused(ValueError, "one stepper, given one of 2: use the item of stepper.contacts"):
+        with refused(ValueError, "one stepper, given one of 2 steppers: use the item of"):
             question()
     assert str(pair) == "contact by LagrangeMultiplier"
     unused = nts.ContactPair(

@@ -169,3 +169,16 @@ def test_value_of_a_vector_is_refused(comm):
     nodes = FrictionNodes(NODES, np.arange(9, dtype=np.int32), np.ones(9), np.zeros(9), {})
     with pytest.raises(TypeError, match=r"as a scalar Function, given shape \(2,\)"):
         nodes.value(fem.Function(V))
+
+
+def test_limits_that_differ_in_a_second_call_are_refused():
+    calls = []
+
+    class Worn(nts.FrictionLaw):
+        def limit(self, p, slip, dt, nodes):
+            calls.append(1)
+            mu = 0.3 + 1e-6 * len(calls)
+            return mu * p, mu, 0.0
+
+    with pytest.raises(ValueError, match=r"expected the same limits of Worn\(\) .* second call"):
+        check_law(Worn(), NODES)

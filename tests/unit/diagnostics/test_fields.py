@@ -6,9 +6,9 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.diagnostics.functions import nodal_values
 from dolfinx_nts.diagnostics.nodal_fields import NodalFields
-from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import nodal
 from helpers.models import plane
 from helpers.scenes import BLOCK_RUBBER, blocks
@@ -124,7 +124,7 @@ def test_tractions_of_half_passes_have_the_forces_of_both(comm, field):
     stepper.v.x.array[:] = old.v.x.array
     for _ in range(6):
         stepper.advance()
-    nodes, values = NodalFields(stepper).contact(Present(stepper), field)[:2]
+    nodes, values = NodalFields(stepper).contact(CurrentState(stepper), field)[:2]
     parts = {"contact_traction": "force", "friction_traction": "traction"}
     sign = 1 if field == "contact_traction" else -1
     given = [sign * getattr(p.history, parts[field]).sum(axis=0) for p in pairs]

@@ -18,16 +18,16 @@ class Model:
         self.residual, self.slope, self.start = residual, slope, start
         self.last = self.found = start
 
-    def attempt(self, part):
-        """Solve R(x) + part (x - last) = 0 by Newton's method, in few iterations."""
+    def attempt(self, ratio):
+        """Solve R(x) + ratio (x - last) = 0 by Newton's method, in few iterations."""
         x, norms = self.last, []
         while len(norms) < 15:
-            R = self.residual(x) + part * (x - self.last)
+            R = self.residual(x) + ratio * (x - self.last)
             norms.append(abs(R))
             if abs(R) < 1e-13:
                 reason = ""
                 break
-            x -= np.clip(R / (self.slope(x) + part), -1e3, 1e3)
+            x -= np.clip(R / (self.slope(x) + ratio), -1e3, 1e3)
         else:
             reason = "no convergence"
         self.found = x
@@ -63,25 +63,25 @@ def test_bodies_that_move_for_ever_are_reported():
 
 def test_resistance_falls_fast_until_a_pseudo_step_fails():
     resistance = Resistance()
-    parts = [resistance.part]
+    ratios = [resistance.ratio]
     for _ in range(3):
         resistance.accept(1.0)
-        parts.append(resistance.part)
-    assert np.divide(parts[1:], parts[:-1]) == pytest.approx(0.1)
+        ratios.append(resistance.ratio)
+    assert np.divide(ratios[1:], ratios[:-1]) == pytest.approx(0.1)
     resistance.fail()
-    assert resistance.part == pytest.approx(4 * parts[-1])
+    assert resistance.ratio == pytest.approx(4 * ratios[-1])
 
 
 def test_resistance_falls_slowly_along_a_motion_that_is_not_stable_and_fast_at_rest():
     resistance = Resistance()
     resistance.fail()
-    part = resistance.part
+    ratio = resistance.ratio
     for travel in (1.0, 2.0):
-        assert resistance.part == part
+        assert resistance.ratio == ratio
         resistance.accept(travel)
-    assert resistance.part == pytest.approx(part / 2)
+    assert resistance.ratio == pytest.approx(ratio / 2)
     resistance.accept(1.0)
-    assert resistance.part == pytest.approx(part / 20)
+    assert resistance.ratio == pytest.approx(ratio / 20)
 
 
 @pytest.mark.parametrize(("change", "end"), [("fail", "is_too_large"), ("accept", "is_negligible")])

@@ -68,6 +68,10 @@ def test_right_scheme_is_accepted(box):
             {"stress_share": 0.8, "rates": nts.Midpoint.scheme.rates},
             r"weight of the end of the step in its stress, which is 1\.000, given 0\.8",
         ),
+        (
+            {"rates": nts.Midpoint.scheme.rates},
+            r"expected stress_share of the Scheme to be 0\.5, .* given 1: .* first order",
+        ),
     ],
 )
 def test_wrong_argument_is_named(box, option, message):

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.io.formats import vtkhdf
 from dolfinx_nts.io.formats.vtkhdf import VtkHdfFile
@@ -53,7 +53,7 @@ def record(path, run, steps, resume_at=None):
         file = resumed(path, run, range(resume_at + 1), resume_at)
     for step in steps:
         run.go_to(step)
-        file.write(Present(run))
+        file.write(CurrentState(run))
     file.close()
 
 
@@ -95,12 +95,12 @@ def test_states_are_written_after_a_second_or_when_they_need_memory(tmp_path, ru
     found = []
     for step, clock[0] in enumerate([0.0, 0.4, 0.9, 1.0, 1.5, 1.9, 2.1]):
         run.go_to(step)
-        file.write(Present(run))
+        file.write(CurrentState(run))
         found.append(len(steps_of(path)))
     assert found == [1, 1, 1, 4, 4, 4, 7]
     monkeypatch.setattr(vtkhdf, "_MOST", 2 * run.u.x.array.nbytes)
     run.go_to(7)
-    file.write(Present(run))
+    file.write(CurrentState(run))
     assert len(steps_of(path)) == 8
 
 
@@ -113,7 +113,7 @@ def test_memory_of_written_states_is_used_again(tmp_path, run, monkeypatch):
     for step in range(20):
         run.go_to(step)
         clock[0] += 0.4
-        file.write(Present(run))
+        file.write(CurrentState(run))
         held = [state["displacement"].values.ctypes.data for _, _, state in file._buffered]
         assert len(set(held)) == len(held) <= 3
         places |= set(held)
@@ -128,7 +128,7 @@ def test_an_error_keeps_buffered_fields(tmp_path, run):
     file.open(False)
     for step in range(3):
         run.go_to(step)
-        file.write(Present(run))
+        file.write(CurrentState(run))
     file.leave()
     assert steps_of(tmp_path / "run.vtkhdf") == [0, 1, 2]
 
@@ -219,7 +219,7 @@ def test_flushed_states_are_on_disk_and_each_once(tmp_path, run, monkeypatch):
     always = {"run.vtkhdf", "run_fields", tmp_path.name}
     for step in range(4):
         run.go_to(step)
-        file.write(Present(run))
+        file.write(CurrentState(run))
         if step % 2:
             file.flush()
     assert synced == [files_of((0, 0), (1, 1)) | always, {"000000002-000000003.h5"} | always]

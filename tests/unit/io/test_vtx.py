@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.diagnostics.nodal_fields import NodalFields
-from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.parallel.slabs import Some
 from helpers.scenes import BLOCK_STEP, blocks
 
@@ -42,7 +42,7 @@ def record(stepper, path, **options):
             recorder.write(step)
     X = stepper.u.function_space.tabulate_dof_coordinates()[: len(stepper.node_ids)]
     comm = stepper.u.function_space.mesh.comm
-    fields = {"X": X, **NodalFields(stepper).of(Present(stepper))}
+    fields = {"X": X, **NodalFields(stepper).of(CurrentState(stepper))}
     fields = {k: f.whole(len(X)) if isinstance(f, Some) else f for k, f in fields.items()}
     return {name: np.concatenate(comm.allgather(values)) for name, values in fields.items()}
 

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.io import fields_folder
 from dolfinx_nts.io.fields import RunFields
 from dolfinx_nts.io.formats.xdmf import XdmfFile
@@ -39,7 +39,7 @@ def record(path, run, steps, resume_at=None):
     file.open(resume_at is not None)
     for step in steps:
         run.go_to(step)
-        file.write(Present(run))
+        file.write(CurrentState(run))
     file.close()
 
 
@@ -181,6 +181,6 @@ def test_flushed_files_are_on_disk_and_each_once(tmp_path, run, monkeypatch):
     always = {"run.xdmf", "run_fields", tmp_path.name}
     for step in range(2):
         run.go_to(step)
-        file.write(Present(run))
+        file.write(CurrentState(run))
         file.flush()
     assert synced == [files_of(0) | always, {"000000001.h5"} | always]

@@ -265,3 +265,11 @@ def test_moduli_at_rest_agree_with_lame(material):
     np.testing.assert_allclose(material.moduli, expected, rtol=0, atol=50 * EPS * expected.max())
     assert material.least_modulus == pytest.approx(2 * MU)
     assert material.poisson_ratio == pytest.approx(LMBDA / (2 * (LMBDA + MU)))
+
+
+def test_energy_of_the_deformation_gradient_is_refused():
+    def psi(F, mu):
+        return mu / 2 * (ufl.inner(F, F) - 3 - 2 * ufl.ln(ufl.det(F)))
+
+    with pytest.raises(TypeError, match=r"expected an energy of the right Cauchy-Green tensor C"):
+        nts.Hyperelastic(psi, rho=1.0, mu=1.0)

@@ -214,3 +214,16 @@ def test_cells_are_right_handed_and_surfaces_anticlockwise_from_outside(cell):
 def test_impossible_bodies_are_refused(add, good, wrong, match):
     with pytest.raises(ValueError, match=match):
         add(None, "body", **(good | wrong))
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(
+    ("add", "good", "wrong"),
+    [
+        (parts.add_box, BOX, {"cells": (1, 2.5, 1)}),
+        (parts.add_ring, RING, {"cells": (6.0, 1, 1)}),
+    ],
+)
+def test_numbers_of_cells_are_integers(add, good, wrong):
+    with pytest.raises(TypeError, match="expected integers as"):
+        add(None, "body", **(good | wrong))

@@ -171,7 +171,41 @@ def test_wrong_distance_is_refused_by_a_stepper(comm):
         stepper.advance()
 
 
-@pytest.mark.parametrize("name", ["name", "motion", "extent", "depth", "nearest", "vertices"])
+def test_distance_that_grows_too_fast_is_refused_if_nodes_may_pass_through():
+    class Steep(Ball):
+        shortest_passage = 0.5
+
+        def distance(self, x):
+            gap, normal = super().distance(x)
+            return np.where(gap > 0.1, 5 * gap, gap), normal
+
+    class WithoutFarSide(Steep):
+        shortest_passage = np.inf
+
+    x = 1.5 * np.eye(3)
+    with pytest.raises(ValueError, match=r"at most the distance from the surface.* correct the"):
+        check_distance(Steep(), x, 0.1)
+    check_distance(WithoutFarSide(), x, 0.1)
+
+
+def test_obstacle_without_any_normal_is_refused(rng):
+    obstacle = change(lambda gap, normal: (gap, np.nan * normal))
+    with pytest.raises(
+        ValueError, match=r"unit normals near the surface .* given \(nan, nan, nan\)"
+    ):
+        check_distance(obstacle, rng.normal(size=(12, 3)), 0.1)
+
+
+def test_property_that_hides_an_attribute_is_explained():
+    with pytest.raises(AttributeError, match="or a property: write @property above def least_radi"):
+        type("Blunt", (Ball,), {"least_radius": 2.0})
+    with pytest.raises(AttributeError, match="expected another name for the attribute motion"):
+        type("Moving", (Ball,), {"motion": lambda self: None})
+
+
+@pytest.mark.parametrize(
+    "name", ["key", "name", "motion", "extent", "depth", "nearest", "vertices"]
+)
 def test_attribute_that_hides_one_of_all_obstacles_is_refused(name):
     class Named(Ball):
         def __init__(self):

@@ -200,7 +200,7 @@ def test_linear_gaps_leave_the_dual_functions(k, rng):
     above = x[: len(surface.nodes)]
     above[:, 2] += above[:, :2] @ [0.02, -0.03]
     found = FacetPoints.choose(surface, candidates, x, x, 1.0)
-    assert found.largest_parts((x,), 1e-12) == pytest.approx(1.0, abs=1e-9)
+    assert found.largest_dual_fractions((x,), 1e-12) == pytest.approx(1.0, abs=1e-9)
     mean, _ = mean_and_least(found, x, None)
     assert mean == pytest.approx(above[:, 2], abs=1e-12)
 
@@ -215,7 +215,7 @@ def test_no_mean_gap_is_less_than_the_gaps_around_the_node(k, rng):
         for y in states:
             y[n:, 2] -= 0.02 * rng.random(len(x) - n) ** 4
         found = FacetPoints.choose(surface, candidates, *states, 1.0)
-        part = found.largest_parts(states, 1e-12)
+        part = found.largest_dual_fractions(states, 1e-12)
         assert ((part >= 0) & (part <= 1)).all()
         for y in states:
             for chosen in (part, part * rng.random(n)):
@@ -237,7 +237,7 @@ def test_part_of_dual_functions_above_a_kink_agrees_with_the_integrals(kink):
     of_edge = edge, np.ones(1), x, False, edge, None
     surface = MortarFacets(edge[0], np.full(2, 0.5), *of_edge)
     points = FacetPoints.choose(surface, FacetCandidates(found, below), x, x, 10.0)
-    part = points.largest_parts((x,), 1e-12)
+    part = points.largest_dual_fractions((x,), 1e-12)
     assert part == pytest.approx([(1 - kink) / (1 + 2 * kink), 1.0], rel=1e-9)
     assert not points.kink.any()
 
@@ -256,7 +256,7 @@ def test_openings_above_a_steep_chamfer_neither_press_nor_lift_in_equilibrium(ki
     surface = MortarFacets(edge[0], np.full(2, 0.5), *of_edge)
     chosen = FacetPoints.choose(surface, FacetCandidates(found, below), x, x, 10.0)
     assert (chosen.kink == 1).all()
-    part = chosen.largest_parts((x,), 1e-12)
+    part = chosen.largest_dual_fractions((x,), 1e-12)
     points, in_equilibrium = chosen.points(part), chosen.points(part, x, 1e-12)
     gap = chosen.candidates.gap(points, x, points.segment)
     opening = np.fmax(gap, 0)

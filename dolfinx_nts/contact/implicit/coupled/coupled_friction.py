@@ -31,7 +31,7 @@ class CoupledSolution(Protocol):
 
 
 class CoupledFriction(Protocol):
-    """Friction that accepts states of the coupled problem. Local."""
+    """Interface of friction that gets stick and slip from the coupled problem. Local."""
 
     def coefficients(self, node: Ints) -> Floats:
         """Coefficients of friction of nodes, shape ``(m,)`` [-]."""

@@ -29,7 +29,7 @@ class LaggedLimit:
         self.last: Floats = np.zeros(num_nodes)
         self.heading: Floats = np.zeros((num_nodes, 2))
 
-    def pressing(self, node: Ints, p: Floats, lags: Flags | None) -> Floats:
+    def normal_forces(self, node: Ints, p: Floats, lags: Flags | None) -> Floats:
         """Normal forces that limit friction, shape ``(m,)`` [N].
 
         Args:

@@ -62,11 +62,11 @@ class Slips:
         is_same &= pairs.fixed
         self._all[node] = np.where(is_same[:, None], predicted, value)
         self.present[node] = self.without_round_off(pairs, self._all[node])
-        none = np.where(pairs.fixed, self.still(node), 0.0)
+        none = np.where(pairs.fixed, self.stick_tolerance(node), 0.0)
         left = np.maximum(length_of(self._all[node]) - none, 0.0)
         pairs.excess[:, 1:] = with_length(self._all[node], left)
 
-    def show(self, pairs: PairKinematics) -> None:
+    def use_all(self, pairs: PairKinematics) -> None:
         """Set the constraint residuals to the slips of the last evaluation, without a threshold."""
         pairs.excess[:, 1:] = self._all[pairs.node]
 
@@ -76,10 +76,10 @@ class Slips:
 
     def without_round_off(self, pairs: PairKinematics, slip: Floats) -> Floats:
         """Slips, ``(m, 2)`` [m], with 0 in place of round-off."""
-        still: Flags = pairs.fixed & (length_of(slip) <= self.still(pairs.node))
+        still: Flags = pairs.fixed & (length_of(slip) <= self.stick_tolerance(pairs.node))
         return np.where(still[:, None], 0.0, slip)
 
-    def still(self, node: Ints) -> Floats:
+    def stick_tolerance(self, node: Ints) -> Floats:
         """Slip below which a node on a rigid body or a prescribed node sticks, ``(m,)`` [m]."""
         lengths: Floats = _STILL * self._size[node]
         return lengths

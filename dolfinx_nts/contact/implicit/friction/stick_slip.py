@@ -66,7 +66,7 @@ class StickSlip(Friction):
         history, n = state.history, len(stiffness)
         self._search, self._stiffness, self._measure = search, stiffness, law.law
         if search.pairing.follows:
-            of_facets = search.pressed_parts * state.nodes.positive_area
+            of_facets = search.pressed_fractions * state.nodes.positive_area
         else:
             of_facets = None  # contact points, and thus areas, may change within a step
         self._limits = Limits(
@@ -118,7 +118,7 @@ class StickSlip(Friction):
         if self._acts_at_end:
             slip = slip.at_end()
         self._nodal.turn(pairs.node, slip.frame_n)
-        still = None if self._has_spring else self._slips.still(pairs.node)
+        still = None if self._has_spring else self._slips.stick_tolerance(pairs.node)
         pairs.add_slip(slip, self._on_axis[pairs.node], still)
         if (is_fixed := pairs.fixed_components(self._dim)) is not None:
             pairs.remove_slip_across(is_fixed, self._search.pairing.on_segments(pairs), x)
@@ -164,7 +164,7 @@ class StickSlip(Friction):
             t, c, value = self.traction[node], self._stiffness[node], self._slips.of(node)
             motion, trial = value, t + (_SLIP_WEIGHT * c)[:, None] * value
         lags = None if self._has_spring else self._pivoting.changes_singly(node)
-        limiting = self._lagged.pressing(node, p, lags)
+        limiting = self._lagged.normal_forces(node, p, lags)
         known = float(iteration > 0)  # multipliers at the initial guess are meaningless
         if eps_T is not None:
             judged, limit = limits.of_springs(node, p, length_of(trial), c, before)
@@ -302,7 +302,7 @@ class StickSlip(Friction):
 
         def use_all_slips(self, pairs: PairKinematics) -> None:
             """Use all slips in constraints."""
-            self._of._slips.show(pairs)
+            self._of._slips.use_all(pairs)
 
         def set_states(
             self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats

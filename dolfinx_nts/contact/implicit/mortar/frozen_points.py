@@ -30,7 +30,7 @@ __all__ = ["FrozenPoints", "SettlingPoints", "TiedPoints"]
 _SETTLED = 1e-6
 # Change of the fraction of dual functions [-] between two choices of points that counts as zero.
 # Larger: inaccurate mean gaps of loaded nodes; smaller: statics takes more iterations.
-_SETTLED_PART = 0.05
+_SETTLED_FRACTION = 0.05
 
 
 class FrozenPoints(LocalSearch):
@@ -58,7 +58,7 @@ class FrozenPoints(LocalSearch):
         self._every = np.arange(len(state.nodes.nodes), dtype=np.int32)
         self._renewals = 0
         # Largest fraction of dual functions around each node [-].
-        self._part: Floats = np.ones(len(self._every))
+        self._dual_fraction: Floats = np.ones(len(self._every))
         self._slack = TOUCHES * state.pair.nodes.size
         self._is_resolved, self._is_stiff = is_resolved(state.pair), state.eps_N is None
         self._choose(self.approach.x)
@@ -78,12 +78,12 @@ class FrozenPoints(LocalSearch):
         found = FacetPoints.choose(
             self.candidates.facets, self.candidates, *ends, self.reach, kinks=kinks
         )
-        part = self._largest_parts(found, x_n, x)
+        fraction = self._dual_fractions(found, x_n, x)
         if self._renewals > 1:
             # Fractions converge sooner if they cannot increase again.
-            part = np.where(self._must_be_reduced(part), part, self._part)
-        self._found, self._part = found, part
-        points = self._points(found, part, x)
+            fraction = np.where(self._must_be_reduced(fraction), fraction, self._dual_fraction)
+        self._found, self._dual_fraction = found, fraction
+        points = self._points(found, fraction, x)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
         # The segment with the lowest number represents the segments of the points of a node.
         self.segment = points.shares.first(points.segment % len(self.candidates.segments))
@@ -94,25 +94,25 @@ class FrozenPoints(LocalSearch):
         self.approach = Approach(self.segment, gap_n, gap_trial, trial)
         self.gap = gap_n.copy()
 
-    def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
+    def _dual_fractions(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
         """Largest fractions of dual functions in the shape functions of nodes, shape ``(n,)``.
 
         In resolved impact they do not depend on gaps: fractions that change between steps reduce
         the order of convergence in time from 2.7 to 0.6.
         """
-        return found.largest_parts(() if self._is_resolved else (x_n, x), self._slack)
+        return found.largest_dual_fractions(() if self._is_resolved else (x_n, x), self._slack)
 
-    def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
+    def _points(self, found: FacetPoints, fraction: Floats, x: Floats) -> MortarPoints:
         """Points with shares of the nodes, chosen at x.
 
         At kinks their weights depend on gaps at t_n, since gaps at x, without contact forces, do
         not indicate which facet presses.
         """
-        return found.points(part, self.x_n, self._slack, is_stiff=self._is_stiff)
+        return found.points(fraction, self.x_n, self._slack, is_stiff=self._is_stiff)
 
-    def _must_be_reduced(self, part: Floats) -> Flags:
+    def _must_be_reduced(self, fraction: Floats) -> Flags:
         """Whether the fractions of dual functions have to be reduced, shape ``(n,)``."""
-        flags: Flags = part < self._part - _SETTLED_PART
+        flags: Flags = fraction < self._dual_fraction - _SETTLED_FRACTION
         return flags
 
     def least_faced(self, values: Floats) -> Floats:
@@ -157,7 +157,7 @@ class TiedPoints(FrozenPoints):
         X = self.candidates.scatter.forward(reference_positions(self._V))
         self._take(X, X)
 
-    def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
+    def _points(self, found: FacetPoints, fraction: Floats, x: Floats) -> MortarPoints:
         """Points with dual functions only, as tied nodes have gaps of either sign."""
         return found.points()
 
@@ -167,13 +167,13 @@ class SettlingPoints(FrozenPoints):
 
     _nearby = 0.1
 
-    def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
+    def _dual_fractions(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
         """Fractions of dual functions at the equilibrium; statics ignores the gaps at t_n."""
-        return found.largest_parts((x,), self._slack)
+        return found.largest_dual_fractions((x,), self._slack)
 
-    def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
+    def _points(self, found: FacetPoints, fraction: Floats, x: Floats) -> MortarPoints:
         """Points with weights computed in equilibrium."""
-        return found.points(part, x, self._slack, is_stiff=self._is_stiff)
+        return found.points(fraction, x, self._slack, is_stiff=self._is_stiff)
 
     def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:
         moved = self.pairing.places(x, near) - self.pairing.places(self.pairing.x_chosen, near)
@@ -181,5 +181,5 @@ class SettlingPoints(FrozenPoints):
         if may_move and np.abs(moved).max(initial=0.0) > _SETTLED:
             return True
         # Before equilibrium the gaps of the points still differ.
-        part = self._largest_parts(self._found, x, x) if converged else self._part
-        return bool(self._must_be_reduced(part)[near].any())
+        fraction = self._dual_fractions(self._found, x, x) if converged else self._dual_fraction
+        return bool(self._must_be_reduced(fraction)[near].any())

@@ -91,7 +91,7 @@ class MortarPairing(Pairing):
     def exchanged(self, x: Floats) -> "MortarPairing":
         return MortarPairing(self._candidates, self._points, x, self.x_chosen)
 
-    def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
+    def slip(self, measure: str, x: Floats, node: Ints, segment: Ints) -> Slip:
         points = self._of(node)
         slip = self._candidates.slip_between(*self._ends(points, x), points.segment)
         if self._frames is None:
@@ -99,7 +99,7 @@ class MortarPairing(Pairing):
         return mean_slip(points, slip, self._frames)
 
     def least_faced(self, values: Floats) -> Floats:
-        """Least values of the segments at the points of each node, see `LocalSearch`. Local."""
+        """Minimum of values over the segments at the points of a node, see `LocalSearch`. Local."""
         points = self._points
         of_points = values[points.segment % max(len(values), 1)]
         return points.shares.reduced(np.minimum, of_points[points.shares.point], np.inf)

@@ -14,7 +14,7 @@ from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["NormalContact", "known_nodes", "start_normal_contact"]
+__all__ = ["NormalContact", "eligible_or_excluded", "start_normal_contact"]
 
 # Largest number of times in a step that excluded nodes become eligible [-].
 _MOST_CHOICES = 2
@@ -36,7 +36,7 @@ class NormalContact(ABC):
         lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
         flips: Number of changes of the active state of each node, shape ``(n,)``.
         soft_depth: Compression beyond which springs are stiffer, shape ``(n,)`` [m].
-        part: Fraction of the spring stiffness that acts at nodes on edges, shape ``(n,)`` [-].
+        stiffness_fraction: Fraction of the stiffness of each spring that acts, ``(n,)`` [-].
     """
 
     def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
@@ -44,7 +44,7 @@ class NormalContact(ABC):
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)
         self.soft_depth: Floats = np.full(len(history.active), np.inf)
-        self.part: Floats = np.ones(len(history.active))
+        self.stiffness_fraction: Floats = np.ones(len(history.active))
         # Nodes excluded because of eligible neighbours.
         self._barred: Flags = np.zeros(len(history.active), dtype=bool)
         self._admitted: Flags = np.zeros_like(self._barred)
@@ -110,19 +110,19 @@ class NormalContact(ABC):
         """Largest gaps at which pairs may transmit force, shape ``(m,)`` [m]. Local."""
         return np.zeros(len(pairs.node))
 
-    def replace(self, nodes: Flags, part: slice) -> int:
+    def replace(self, nodes: Flags, own: slice) -> int:
         """Exclude nodes whose constraints are replaced by constraints of vertices. Collective.
 
         Args:
             nodes: Flags of all excluded nodes of a pair, shape ``(n,)``.
-            part: Range of the nodes of this pair.
+            own: Range of the nodes of this pair.
 
         Returns:
             Number of nodes of this rank that become excluded or eligible.
         """
-        changed = self._replaced[part] != nodes
+        changed = self._replaced[own] != nodes
         if reductions.anywhere(self._comm, bool(changed.any())):
-            self._replaced[part] = nodes
+            self._replaced[own] = nodes
             self._begin(self.active, self.lambda_N)
         return int(np.count_nonzero(changed))
 
@@ -207,7 +207,7 @@ class NormalContact(ABC):
         return np.zeros(len(self.active))
 
 
-def known_nodes(contact: NormalContact) -> Flags:
+def eligible_or_excluded(contact: NormalContact) -> Flags:
     """Flags of eligible and of excluded nodes, shape ``(n,)``. Local."""
     return contact._eligible | contact._barred
 

@@ -67,8 +67,10 @@ class PenaltyContact(NormalContact):
             of_segments = layers.of_candidates(search.candidates)
             faced = None if of_segments is None else search.least_faced(of_segments)
             self.soft_depth = self._soft_depth(layers.depth_per_speed(faced), dt)
-            self.part = self._part(layers.deforms, layers.part(faced))
-            self._eps_N = self.part * state.eps_N
+            self.stiffness_fraction = self._stiffness_fraction(
+                layers.deforms, layers.stiffness_fraction(faced)
+            )
+            self._eps_N = self.stiffness_fraction * state.eps_N
         self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
         # In statics, linearly extrapolated gaps and forces.
         n = len(self.active) if is_static else 0
@@ -244,16 +246,17 @@ class PenaltyContact(NormalContact):
         self._depth_by_approach = np.where(deforms & (speed > 0), depth_per_speed / dt, 0.0)
         return depth
 
-    def _part(self, deforms: Flags, of_layers: Floats) -> Floats:
+    def _stiffness_fraction(self, deforms: Flags, of_layers: Floats) -> Floats:
         """Fraction of the stiffness of each spring that acts, ``(n,)`` [-]. Collective.
 
         It is constant while the spring is loaded. The fraction due to area is 1 with edge contact
         and between bodies that do not deform (flags ``deforms``, ``(n,)``), whose stiffness is not
-        per area. ``of_layers`` is the fraction due to the segments faced, see `Layers.part`.
+        per area. ``of_layers`` is the fraction due to the segments faced, see
+        `Layers.stiffness_fraction`.
         """
         arriving = of_layers
         if self._state.pair.method != EDGES:
-            arriving = arriving * np.where(deforms, self._search.pressed_parts, 1.0)
+            arriving = arriving * np.where(deforms, self._search.pressed_fractions, 1.0)
         return np.where(self._is_loaded, self._state.history.part, arriving)
 
     @property

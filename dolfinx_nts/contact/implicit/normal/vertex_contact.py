@@ -240,7 +240,7 @@ class VertexSprings(_Vertices, PenaltyContact):
         self._begin_at: Floats = np.zeros(len(self._tolerance))
         super().__init__(state, is_static, search, share, dt)
 
-    def _part(self, deforms: Flags, of_layers: Floats) -> Floats:
+    def _stiffness_fraction(self, deforms: Flags, of_layers: Floats) -> Floats:
         # The whole area acts at a vertex: all facets around it are behind it.
         return np.where(self._is_loaded, self._state.history.part, of_layers)
 

@@ -207,7 +207,7 @@ void integrate_fourth(const Polygon& p, Add&& add)
 {
   if (p.size() == 4)
   {
-    // Gauss' points on [0, 1] and their weights.
+    // Gauss points on [0, 1] and their weights.
     static const double offset = std::sqrt(3. / 20);
     static const std::array<Vec2, 3> rule
         = {{{0.5 - offset, 5. / 18}, {0.5, 4. / 9}, {0.5 + offset, 5. / 18}}};

@@ -36,7 +36,7 @@ public:
   ///
   /// It is refitted at each call, in O(s). For many searches at any distance
   /// this saves time: with wide boxes, distant nodes would visit many segments.
-  const Tree& exactly_at(std::span<const double> x)
+  const Tree& tight_at(std::span<const double> x)
   {
     const Tree& wide = at(x);
     if (!_exact)

@@ -225,9 +225,9 @@ private:
                : std::max(there, before) / below.part.size();
   }
 
-  /// @brief Numbers of the connected parts of segments, which have common
-  /// vertices within a part.
-  std::vector<std::size_t> parts(const std::vector<Below>& found) const
+  /// @brief Number of the connected component of each segment; segments with a
+  /// common vertex are connected.
+  std::vector<std::size_t> components(const std::vector<Below>& found) const
   {
     std::vector<std::size_t> part(found.size());
     std::iota(part.begin(), part.end(), std::size_t(0));
@@ -271,7 +271,7 @@ private:
   /// `MortarRule::farthest` from the nearest part are removed.
   double step(std::vector<Below>& found, double diameter) const
   {
-    std::vector<std::size_t> part = parts(found);
+    std::vector<std::size_t> part = components(found);
     std::vector<std::size_t> nearest; // segment of each part
     const auto distance
         = [&found](std::size_t i) { return std::abs(found[i].gap); };

@@ -23,11 +23,11 @@
 ///
 /// Contact nodes are eliminated first. With friction or springs, C couples them
 /// to the nodes of their segments by stiffnesses far above the bulk. Their
-/// elimination then causes fill between these nodes and their neighbours, which
-/// is in the pattern of A, so that incomplete factors keep it. In the reverse
-/// order, fill between contact nodes on a common segment would be dropped, and
-/// factors would be poor. Nodes with springs have no constraints, but get the
-/// same pattern.
+/// elimination then causes fill-in between these nodes and their neighbours,
+/// which is in the pattern of A, so that incomplete factors keep it. In the
+/// reverse order, fill-in between contact nodes on a common segment would be
+/// dropped, and factors would be poor. Nodes with springs have no constraints,
+/// but get the same pattern.
 namespace nts
 {
 /// @brief Schwarz correction in the contact subdomain, see the top of this
@@ -98,8 +98,9 @@ public:
   }
 
   /// @brief Choose the nodes and factorise.
-  /// @param[in] wide Whether the subdomain is wide. Its factors then have fill,
-  /// ILU(1): without fill they are worse than factors of the narrow one.
+  /// @param[in] wide Whether the subdomain is wide. Its factors then have
+  /// fill-in, ILU(1): without fill-in they are worse than factors of the narrow
+  /// one.
   /// @return False if the factors do not exist.
   bool build(bool wide)
   {

@@ -16,10 +16,11 @@ template <class Rows>
 class FactorPattern
 {
 public:
-  /// Marks an entry of fill, which the matrix does not have.
+  /// Marks an entry of fill-in, which the matrix does not have.
   static constexpr std::int64_t filled = -1;
 
-  /// @brief Columns in the order of elimination, each with its entry.
+  /// @brief Columns in the order of elimination, each with the index of its
+  /// entry in the matrix, or `filled`.
   using Entries = std::vector<std::pair<std::int32_t, std::int64_t>>;
 
   /// @param[in] A The matrix.

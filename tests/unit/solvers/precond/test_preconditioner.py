@@ -138,6 +138,10 @@ def test_options_that_nothing_asks_for_are_refused_by_name(comm, refused, option
         ({"ksp_type": "cg"}, "given .*'cg'.*RIGHT"),
         ({"ksp_gmres_restart": "many"}, "given .*: Input string many has no integer value"),
         ({"pc_type": "nosuch"}, "given .*pc_type.*: Unable to find requested PC type nosuch"),
+        (
+            {"pc_type": "python"},
+            r"with a class as pc_python_type, .* given \{'pc_type': 'python'\}",
+        ),
         ({"-pc_type": "lu"}, r"without a leading -, given \['-pc_type'\]"),
         (
             {"pc_type": "python", "pc_python_type": "no_such_module.Factors"},
@@ -177,8 +181,8 @@ def test_a_choice_of_the_user_has_to_fail_before_another_takes_its_place(
     assert stepper.statistics.solver.preconditioner == "CHOLESKY"
     said = [(r.levelno, r.getMessage()) for r in caplog.records]
     text = (
-        "JACOBI of petsc_options fails, and stronger factors replace it: harmless for the "
-        "results, but omit the option, or choose another one, to save time"
+        "the preconditioner JACOBI of petsc_options fails, and stronger factors replace it: "
+        "harmless for the results, but omit the option, or choose another one, to save time"
     )
     assert said == ([(logging.WARNING, text)] if comm.rank == 0 else [])
     np.testing.assert_allclose(positions(stepper), default[0], atol=AGREEMENT)
@@ -213,7 +217,7 @@ def test_statistics_name_the_last_factors_where_stronger_ones_are_not_made_yet(c
 
 @pytest.mark.at_most_two_ranks
 def test_slow_iterations_lead_to_factors_with_fill(comm, monkeypatch, default, agree):
-    monkeypatch.setattr("dolfinx_nts.solvers.precond.factor_age._FILL_PAYS", 0.0)
+    monkeypatch.setattr("dolfinx_nts.solvers.precond.factor_age._SLOW_ILU0", 0.0)
     stepper = scenes.blocks(comm).stepper
     for _ in range(NUM_STEPS):
         stepper.advance()
@@ -279,7 +283,7 @@ def test_factors_missing_on_one_rank_are_replaced_by_stronger_ones(comm, monkeyp
 def test_complete_factors_in_single_precision_serve_as_well_as_mumps(comm, monkeypatch, nu):
     # Slow iterations would select them one after the other.
     monkeypatch.setattr(factor_age, "_MOST_CROSSINGS", np.inf)
-    monkeypatch.setattr(factor_age, "_EXACT_PAYS", np.inf)
+    monkeypatch.setattr(factor_age, "_SLOW_NEARBY", np.inf)
     ends, iterations = [], []
     for strength, kind in ((2, "LU in single precision"), (3, "LU")):
         scene = scenes.sliding_blocks(comm, nts.LagrangeMultiplier(), None, n=3, nu=nu)

@@ -8,10 +8,10 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics, changes_b
 from dolfinx_nts.contact.implicit.pair_forces import PairForces
 from dolfinx_nts.fem.components import in_space
 
-__all__ = ["changes_ahead"]
+__all__ = ["prescribed_changes"]
 
 
-def changes_ahead(
+def prescribed_changes(
     step: ContactStep, pairs: PairKinematics, increment: Floats
 ) -> tuple[Floats, Floats]:
     """Changes of gap, slip and force by prescribed increments, to first order. Collective.

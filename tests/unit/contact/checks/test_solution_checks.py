@@ -10,7 +10,7 @@ import pytest
 from dolfinx_nts import compat
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
 from dolfinx_nts.contact.friction.laws import Coulomb
-from dolfinx_nts.contact.implicit.certificate import check_forces, check_penetration
+from dolfinx_nts.contact.implicit.solution_checks import check_forces, check_penetration
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates

@@ -20,7 +20,7 @@ from dolfinx_nts.contact.enforcement import TOUCHES, Penalty, Tied
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
-from dolfinx_nts.contact.implicit.normal.interface import known_nodes
+from dolfinx_nts.contact.implicit.normal.interface import eligible_or_excluded
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.vertices import vertex_tolerance
@@ -88,10 +88,10 @@ def missed_contact(
     messages = []
     for state in states:
         step = solved.get(state)
-        known = None if step is None else known_nodes(step.normal)
+        known = None if step is None else eligible_or_excluded(step.normal)
         is_seen = _is_exhaustive(state, step, ends, displacement)
         if step is not None and is_seen:
-            passing = _passage(step, ~known_nodes(step.normal)).points
+            passing = _passage(step, ~eligible_or_excluded(step.normal)).points
             is_seen = not reductions.anywhere(state.nodes.V.mesh.comm, len(passing) > 0)
         if not is_seen:
             messages.append(_missed_nodes(repeat(state), known, ends[1]))
@@ -115,7 +115,7 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     vertices = _kernels.largest_size(off.take(search.candidates.segments.ravel(), axis=0))
     own = np.linalg.norm(off.take(step.state.nodes.nodes, axis=0), axis=1)
     own = own if search.pairing.follows else own.max(initial=0.0)
-    node = _numbers(~known_nodes(normal) & ~(gap_n + gap_trial > own + vertices))
+    node = _numbers(~eligible_or_excluded(normal) & ~(gap_n + gap_trial > own + vertices))
     if not len(node):
         return node, np.empty(0)
     if search.pairing.follows:
@@ -177,7 +177,7 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
     approach, node = step.search.approach, step.normal.nodes
     inside = approach.gap < np.fmin(approach.gap_n, 0.0) - TOUCHES * step.state.segment_sizes
     if (tolerance := vertex_tolerance(step.state)) is not None:
-        node = _numbers(known_nodes(step.normal))
+        node = _numbers(eligible_or_excluded(step.normal))
         inside &= approach.gap < -np.fmin(tolerance, _kernels.HYSTERESIS * step.state.segment_sizes)
     node = node[inside[node] if known is None else (inside & ~known)[node]]
     return _message(step, node, approach.gap[node], x)

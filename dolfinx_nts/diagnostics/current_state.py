@@ -6,10 +6,10 @@ from functools import cached_property
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.integrators.stepper import Stepper
 
-__all__ = ["Present"]
+__all__ = ["CurrentState"]
 
 
-class Present:
+class CurrentState:
     """Derived quantities of the current state, valid until the next step.
 
     Args:
