@@ -71,7 +71,8 @@ def walls(surface: Surface, farthest: float) -> Floats:
     """
     area, thickness = facet_shares(surface), wall_thickness(surface, farthest)
     of_nodes, inverse = _sums(surface, np.column_stack([area, area / thickness])).T
-    return of_nodes / inverse
+    means: Floats = of_nodes / inverse
+    return means
 
 
 def _sums(surface: Surface, values: Floats) -> Floats:

@@ -2,8 +2,6 @@
 
 import weakref
 
-from mpi4py import MPI
-
 import numpy as np
 from dolfinx import fem
 
@@ -38,7 +36,7 @@ def wall_thickness(surface: Surface, farthest: float) -> Floats:
         Thickness of the segments of this rank, at most ``farthest``, shape ``(s,)`` [m].
     """
     V, segments = surface.V, surface.segments
-    comm: MPI.Comm = V.mesh.comm
+    comm = V.mesh.comm
     boundary, X = _boundary(V), reference_positions(V)
     triangles = outward_triangles(segments, surface.orientation)
     corners: Floats = X[triangles]

@@ -132,7 +132,8 @@ class MortarSearch(FacetSearch):
 
     def is_near(self, x: Floats, reach: float) -> bool:
         # Facets of this rank's nodes extend beyond these.
-        candidates, _ = self.update(x, reach + 2 * self._nodes.size)
+        self.update(x, reach + 2 * self._nodes.size)
+        candidates = self.candidates
         facets, segments = candidates.facets.vertices, candidates.segments
         if candidates.may_curve or self._of_patches is not None:
             return True

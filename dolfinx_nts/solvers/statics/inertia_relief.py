@@ -175,7 +175,7 @@ class InertiaRelief:
         sums = reductions.total(self._comm, sums)
         gram, f = sums[:, :-1], sums[:, -1]
         force, driven = float(np.linalg.norm(f)), ""
-        share = force / (pressing + scale or 1.0)
+        share = force / (max(pressing, scale) or 1.0)
         if share > _NEGLIGIBLE:
             parts = [np.linalg.norm(neutral[columns] @ f) for columns in self._columns]
             body = self.bodies[int(np.argmax(parts))]
@@ -289,8 +289,10 @@ class InertiaRelief:
     def _neutral(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], presses: bool
     ) -> Floats:
-        """Unresisted motions as combinations of the free motions, ``(free, neutral)``.
+        """Unresisted motions as orthonormal combinations of the free motions, ``(free, neutral)``.
 
+        The free motions are orthonormal combinations of unit translations, and of rotations by one
+        over the size of the body: forces in them are resultants, and moments divided by this size.
         Sliding nodes resist motions along the surface by friction alone, and not at all if contact
         transmits no force.
         """
@@ -318,5 +320,5 @@ class InertiaRelief:
             return np.zeros((n, 0))
         weight = 1 / np.sqrt(np.maximum(sums[:, -1], 1.0))
         values, vectors = np.linalg.eigh(sums[:, :-1] * weight * weight[:, None])
-        neutral: Floats = weight[:, None] * vectors[:, values < _NEUTRAL]
+        neutral: Floats = np.linalg.qr(weight[:, None] * vectors[:, values < _NEUTRAL])[0]
         return neutral
