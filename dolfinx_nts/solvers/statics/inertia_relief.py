@@ -44,7 +44,7 @@ _NEUTRAL = 1e-3
 # Force in unresisted motions, relative to the forces at work [-], that inertia may carry: in a
 # solution, where facets of curved surfaces and non-matching nodes cause this much; and during the
 # iterations, where a larger force moves the body elsewhere.
-_NEGLIGIBLE, _DRIVING = 1e-2, 0.3
+_NEGLIGIBLE, _DRIVING = 1e-2, 0.02
 # Force in unresisted motions, relative to the forces at work [-], above which there is a warning,
 # as less is round-off; and growth of this force [-] for another warning.
 _REPORTED, _GROWN = 1e-9, 3.0
@@ -174,7 +174,10 @@ class InertiaRelief:
         sums = np.column_stack([weighted @ modes.T, modes @ total.ravel()])
         sums = reductions.total(self._comm, sums)
         gram, f = sums[:, :-1], sums[:, -1]
-        force, driven = float(np.linalg.norm(f)), ""
+        # In orthonormal combinations of the free motions, unit translations and rotations by one
+        # over the size of the body, forces are resultants, and moments divided by this size.
+        resultants = np.linalg.solve(np.linalg.qr(neutral)[1].T, f) if len(f) else f
+        force, driven = float(np.linalg.norm(resultants)), ""
         share = force / (max(pressing, scale) or 1.0)
         if share > _NEGLIGIBLE:
             parts = [np.linalg.norm(neutral[columns] @ f) for columns in self._columns]
@@ -289,10 +292,8 @@ class InertiaRelief:
     def _neutral(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], presses: bool
     ) -> Floats:
-        """Unresisted motions as orthonormal combinations of the free motions, ``(free, neutral)``.
+        """Unresisted motions as combinations of the free motions, ``(free, neutral)``.
 
-        The free motions are orthonormal combinations of unit translations, and of rotations by one
-        over the size of the body: forces in them are resultants, and moments divided by this size.
         Sliding nodes resist motions along the surface by friction alone, and not at all if contact
         transmits no force.
         """
@@ -320,5 +321,5 @@ class InertiaRelief:
             return np.zeros((n, 0))
         weight = 1 / np.sqrt(np.maximum(sums[:, -1], 1.0))
         values, vectors = np.linalg.eigh(sums[:, :-1] * weight * weight[:, None])
-        neutral: Floats = np.linalg.qr(weight[:, None] * vectors[:, values < _NEUTRAL])[0]
+        neutral: Floats = weight[:, None] * vectors[:, values < _NEUTRAL]
         return neutral

@@ -1,5 +1,7 @@
 """Statics of bodies supported by contact alone, and of unsupported bodies."""
 
+import logging
+
 from mpi4py import MPI
 
 import numpy as np
@@ -333,3 +335,28 @@ def test_a_brick_lies_flush_on_two_others_in_any_order(names):
     forces = [signs[name] * between[name][2] for name in signs]
     assert sum(forces) == pytest.approx(-weight, rel=1e-5)
     assert forces == pytest.approx([-weight / 2] * 2, rel=0.03)
+
+
+@pytest.mark.parametrize("cells", [2, once(6)])
+def test_unbalanced_forces_are_measured_by_their_resultant(comm, caplog, cells, refused):
+    """A block on a smooth floor slides under any load along it; 1 % of its weight is accepted."""
+
+    def build(model):
+        corner, size = (0, 0, 0), (1.0, 1.0, 0.3)
+        parts.add_box(model, "block", corner=corner, size=size, cells=(cells, cells, 1))
+
+    mesh, tags, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    block = nts.Body(V, tags, tag["block"], nts.NeoHookean(1e5, 0.3, 1e3))
+
+    def pulled(part):
+        pair = nts.ContactPair(nts.boundary_of(block), nts.RigidPlane((0, 0, 0), (0, 0, 1)))
+        weight = nts.Gravity([block], (part * 9.81, 0.0, -9.81))
+        return nts.QuasiStatic([block], [pair], dt=1.0, loads=[weight])
+
+    with caplog.at_level(logging.WARNING):
+        pulled(0.005).advance()
+    if comm.rank == 0:
+        assert any("5.0e-03 of the forces is not balanced" in each for each in caplog.messages)
+    with refused(nts.ConvergenceError, "no support or contact holds block"):
+        pulled(0.05).advance()
