@@ -256,16 +256,22 @@ class LocalSearch:
         They differ from 1 at edges: of a block that lies on a plane, the lateral facets do not
             touch.
         """
-        segment, fractions = self.approach.segment, list[Floats]()
+        fractions = list[Floats]()
         if not any(state.facets.has_edges for state in self._members):
-            return np.ones(len(segment))
+            return np.ones(len(self.approach.segment))
+        normal = self._facing_normals()
+        for state, (first, last) in zip(self._members, pairwise(self._ends), strict=True):
+            fractions.append(state.facets.pressed_fractions(self._x_in_space, normal[first:last]))
+        return np.concatenate(fractions)
+
+    def _facing_normals(self) -> Floats:
+        """Unit normals of contact at the nodes at t_n, 0 without a segment, ``(n, 3)``. Local."""
+        segment = self.approach.segment
         normal = np.zeros((len(segment), 3))
         (node,) = (segment >= 0).nonzero()
         points = self.points.take(node.astype(np.int32))
         normal[node] = contact_normals(self.candidates, points, self.x_n, segment[node])
-        for state, (first, last) in zip(self._members, pairwise(self._ends), strict=True):
-            fractions.append(state.facets.pressed_fractions(self._x_in_space, normal[first:last]))
-        return np.concatenate(fractions)
+        return normal
 
     def least_faced(self, values: Floats) -> Floats:
         """Minimum of values over the segments that nodes face at t_n, shape ``(n, k)``. Local.

@@ -94,6 +94,9 @@ class FrozenPoints(LocalSearch):
         self.approach = Approach(self.segment, gap_n, gap_trial, trial)
         self.gap = gap_n.copy()
 
+    def _facing_normals(self) -> Floats:
+        return self.pairing.facing_normals()
+
     def _dual_fractions(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
         """Largest fractions of dual functions in the shape functions of nodes, shape ``(n,)``.
 

@@ -10,6 +10,7 @@ from dolfinx_nts.contact.implicit.mortar.eliminated import EliminatedDofs
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.search.candidates import contact_normals
 from dolfinx_nts.search.mortar.facet_candidates import outside
 from dolfinx_nts.search.mortar.mortar_points import MortarPoints, at_nodes
 from dolfinx_nts.search.mortar.mortar_search import MortarCandidates
@@ -103,6 +104,16 @@ class MortarPairing(Pairing):
         points = self._points
         of_points = values[points.segment % max(len(values), 1)]
         return points.shares.reduced(np.minimum, of_points[points.shares.point], np.inf)
+
+    def facing_normals(self) -> Floats:
+        """Mean normals of contact at t_n over the points of each node, ``(n, 3)``. Local.
+
+        The normal of one of their segments would depend on the numbering.
+        """
+        points = self._points
+        normals = contact_normals(self._candidates, points, self._x_n, points.segment)
+        means = np.column_stack([points.shares.mean(values) for values in normals.T])
+        return _kernels.unit_vectors(np.nan_to_num(means))
 
     def _ends(self, points: MortarPoints, x: Floats) -> tuple[Floats, Floats]:
         """Positions of points and facets at t_n and at x, shapes ``(p, 1+n, 3)`` [m]."""
