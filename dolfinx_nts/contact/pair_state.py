@@ -63,7 +63,6 @@ class PairState(Tractions, NodesOfPairs):
         layers: Layers of cells on which default springs depend in steps with inertia; None for
             springs of constant stiffness.
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
-        was_displaced: Whether the user has set displacements since the last accepted step.
         vertices: States of vertices on convex edges and corners, see `VertexState`, whose forces
             belong to this pair.
         is_reverse: Whether this is contact of vertices of the segments of another pair, so that the
@@ -71,7 +70,6 @@ class PairState(Tractions, NodesOfPairs):
     """
 
     vertices: "tuple[PairState, ...]" = ()
-    was_displaced = False
     is_reverse = False
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
@@ -139,12 +137,7 @@ class PairState(Tractions, NodesOfPairs):
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
         """Accept the contact of a step, or a function that computes it on demand. Local."""
-        self.accepted, self.was_displaced = history, False
-
-    def displaced(self) -> None:
-        """Prepare the contact for displacements that the user has set. Local."""
-        self.accept(reloaded(self.history))
-        self.was_displaced = True
+        self.accepted, self.search.was_displaced = history, False
 
     def derive_penalty(
         self,

@@ -20,8 +20,10 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.checks.repeated_pairs import check_repeated
+from dolfinx_nts.contact.checks.round_fits import warn_of_round_fits
 from dolfinx_nts.contact.checks.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.contact.checks.watch import ContactWatch
+from dolfinx_nts.contact.history import reloaded
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -200,6 +202,7 @@ class Stepper(TimeLoop):
         check_repeated(self.pairs)
         check_rigid_bodies(self.bodies, self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
+        warn_of_round_fits(self.pairs)
         super().__init__(V, dt, self.bodies, self.scheme)
         body = body_of_nodes(self.bodies)[: V.dofmap.index_map.size_local]
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item, body)
@@ -366,7 +369,8 @@ class Stepper(TimeLoop):
         self._was_displaced |= displaced
         if displaced:
             for contact in self.contacts:
-                contact.displaced()
+                contact.accept(reloaded(contact.history))
+                contact.search.was_displaced = True
         self._x_before = self._x_before if before is None else before
 
     def _load_at(self, point: float) -> None:

@@ -245,6 +245,7 @@ class Search(ABC):
         candidates: The candidates of the last update.
         frame: Frame of the candidates in the current step, in which all positions are given.
         may_move: Whether the frame may differ from space.
+        was_displaced: Whether the user has set displacements since the last accepted step.
         num_searches: Number of exchanges of candidates between ranks.
         initial_depth: Depth [m] up to which nodes that penetrate initially get segments, see
             `start.py`.
@@ -253,6 +254,7 @@ class Search(ABC):
     candidates: Candidates
     frame = Frame()
     may_move = False
+    was_displaced = False
     num_searches = 0
     initial_depth = 0.0
 

@@ -54,7 +54,7 @@ def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bo
             [m].
         increment: Largest ballistic displacement increment of a node, the same on all ranks [m].
     """
-    if isinstance(state, JointState) or state.was_displaced:
+    if isinstance(state, JointState) or state.search.was_displaced:
         return True
     comm: MPI.Comm = state.nodes.V.mesh.comm
     old, reach = state.history, (_REACH + 1) * increment
