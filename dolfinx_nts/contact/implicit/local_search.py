@@ -45,8 +45,8 @@ _REACH = 3
 def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bool:
     """Whether nodes of a pair may get a segment in a step, or had one in the last step. Collective.
 
-    In a step with inertia, a pair without such nodes has no contact and is skipped. Surfaces that
-    were apart after the last step are, unless they are within a multiple of the motion.
+    In a step with inertia, a pair without such nodes has no contact and is skipped: if its surfaces
+    did not touch after the last step, and their distance is more than a multiple of the increment.
 
     Args:
         state: State of the contact pair, or of several.
