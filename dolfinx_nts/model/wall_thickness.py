@@ -54,8 +54,8 @@ def wall_thickness(surface: Surface, farthest: float) -> Floats:
     nearest = reductions.least(comm, nearest)
     first = comm.exscan(len(corners)) or 0
     own = nearest[first : first + len(corners)]
-    # A segment has one or two triangles.
-    thickness: Floats = farthest * own.reshape(len(segments), -1).min(axis=1, initial=1.0)
+    num_triangles = 2 if segments.shape[1] == 4 else 1
+    thickness: Floats = farthest * own.reshape(-1, num_triangles).min(axis=1, initial=1.0)
     return thickness
 
 

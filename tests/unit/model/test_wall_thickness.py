@@ -40,6 +40,12 @@ def test_box_is_as_thick_as_its_opposite_faces_are_apart(comm, dim, agree):
     np.testing.assert_allclose(found, expected, rtol=1e-5)
     np.testing.assert_allclose(wall_thickness(sheet, 0.3), np.fmin(expected, 0.3), rtol=1e-5)
     assert agree(np.isfinite(found).all())
+    # Only one rank has a facet of this surface.
+    end = nts.boundary_of(
+        nts.Body(V, cells, tag["sheet"], RUBBER),
+        where=lambda x: (x[0] < 0.21) & (x[-1 if dim == 3 else 1] < 1e-9) & (x[dim - 2] < 0.21),
+    )
+    np.testing.assert_allclose(wall_thickness(end, 10.0), size[-1], rtol=1e-5)
 
 
 @pytest.mark.serial
