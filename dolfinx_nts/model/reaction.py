@@ -15,8 +15,8 @@ class Reaction(NamedTuple):
     """Force, moment and work of a support or a guide in a step, the same on all ranks.
 
     The force is the one in the balance of momentum of the scheme: loads, contact forces and
-        reactions
-    add up to the rate of momentum. Its product with the displacement increment is the work.
+    reactions add up to the rate of momentum. Its product with the displacement increment is the
+    work.
 
     Attributes:
         force: Resultant on the bodies (x, y, z), in the plane (x, y), axisymmetric (y,) [N].

@@ -254,7 +254,7 @@ class LocalSearch:
         Collective at the first use.
 
         They differ from 1 at edges: of a block that lies on a plane, the lateral facets do not
-            touch.
+        touch.
         """
         fractions = list[Floats]()
         if not any(state.facets.has_edges for state in self._members):
