@@ -511,10 +511,11 @@ void local_search(nb::module_& m)
           "(n, 3), (n,), -, -, (l, 3), (n, 3), (n, 3), (n, 3), (l, 3), (s,) -> "
           "as pair for nodes of the surface itself, see "
           "nts/search/self_contact.h")
-      .def("near", &SegmentsAndTrees::near, nb::arg("x_node"), nb::arg("reach"),
-           nb::arg("x"), nb::arg("group") = nb::none(),
-           "(n, 3), -, (l, 3), (n,) -> numbers of the nodes within reach of the "
-           "box of a segment of their group (m,)")
+      .def(
+          "near", &SegmentsAndTrees::near, nb::arg("x_node"), nb::arg("reach"),
+          nb::arg("x"), nb::arg("group") = nb::none(),
+          "(n, 3), -, (l, 3), (n,) -> numbers of the nodes within reach of the "
+          "box of a segment of their group (m,)")
       .def("hold_in_dents", &SegmentsAndTrees::hold_in_dents, nb::arg("held"),
            "Set whether nodes below dents keep a segment.")
       .def("sink", &SegmentsAndTrees::sink, nb::arg("depth"),

@@ -96,8 +96,7 @@ inline bool may_be_within(std::span<const double> x,
           if (!box.meets(boxes[j]))
             return radius;
           const auto other = each(others, number[j]);
-          const Vec3 between
-              = 0.5 * (boxes[j].lower + boxes[j].upper) - centre;
+          const Vec3 between = 0.5 * (boxes[j].lower + boxes[j].upper) - centre;
           found = true;
           for (const Vec3& axis : {normal, any_normal(x, other), between})
             found = found && distance_along(x, facet, other, axis) <= reach;
