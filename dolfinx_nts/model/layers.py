@@ -13,7 +13,7 @@ from dolfinx_nts.materials.strain_energy import STRETCHES
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.moduli import wave_modulus
 from dolfinx_nts.model.surfaces import Surface, facet_shares
-from dolfinx_nts.model.wall_thickness import wall_thickness
+from dolfinx_nts.model.thickness import wall_thickness
 from dolfinx_nts.parallel.communication import exchanged, rows_by_rank
 
 __all__ = ["layers", "nodal_densities", "nodal_moduli", "walls"]

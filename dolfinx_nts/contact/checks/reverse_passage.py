@@ -20,10 +20,10 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.closed_boundaries import outward_triangles, triangles_at
 from dolfinx_nts.model.segments import diameters
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.model.thickness import least_thickness
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
-from dolfinx_nts.search.overlap.thickness import least_thickness
 
 __all__ = ["ReversePassages"]
 

@@ -22,11 +22,11 @@ from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.model.thickness import least_thickness
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.overlap.inside import Insides
 from dolfinx_nts.search.overlap.self_overlaps import self_overlap
-from dolfinx_nts.search.overlap.thickness import least_thickness
 
 __all__ = ["Overlap", "OverlapSearch"]
 

@@ -6,7 +6,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from dolfinx_nts.model.wall_thickness import wall_thickness
+from dolfinx_nts.model.thickness import wall_thickness
 
 RUBBER = nts.NeoHookean(1e5, 0.3, 1e3)
 SIZE = (0.8, 0.6, 0.1)

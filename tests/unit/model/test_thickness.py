@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from dolfinx_nts.search.overlap.thickness import least_thickness
+from dolfinx_nts.model.thickness import least_thickness
 
 pytestmark = pytest.mark.at_most_two_ranks
 
