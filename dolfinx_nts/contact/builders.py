@@ -100,18 +100,19 @@ def all_pairs(
 ) -> list[ContactPair]:
     """Contact pairs between all bodies, and with obstacles. Collective.
 
-    n bodies need n - 1 pairs, and more if some are rigid. Bodies are sorted by the lower quartile
-    of the diameters of their facets that face other bodies, since meshes are refined where contact
-    is expected. The first pair has the nodes of the finer half and the segments of the coarser
-    half; further pairs divide each half again. Of two meshes whose facets differ by less than half,
-    the mesh of a body fifteen times as stiff counts as coarser: its nodes would have alternating
-    pressures, and its vertices would penetrate between the nodes of the softer body. Rigid bodies
-    provide segments, except round ones with finer facets, of which a facet of the other body would
-    cover more than a quarter radian: their nodes have node-to-segment contact. Bodies that share
-    nodes count as one; a warning names bodies that share nodes but no facet. There is one pair for
-    each obstacle, and one for each self contact. The name of a pair of two bodies contains their
-    names; pairs of more bodies are numbered. Names depend neither on stiffness nor on facet sizes.
-    The pairs are logged, and `Diagnostics.between` has the forces between each two bodies.
+    n bodies need n - 1 pairs, and more if round rigid bodies give nodes. Bodies are sorted by the
+    lower quartile of the diameters of their facets that face other bodies, since meshes are refined
+    where contact is expected. The first pair has the nodes of the finer half and the segments of
+    the coarser half; further pairs divide each half again. Of two meshes whose facets differ by
+    less than half, the mesh of a body fifteen times as stiff counts as coarser: its nodes would
+    have alternating pressures, and its vertices would penetrate between the nodes of the softer
+    body. Rigid bodies provide segments, except round ones with finer facets, of which a facet of
+    the other body would cover more than a quarter radian: their nodes have node-to-segment contact.
+    Bodies that share nodes count as one; a warning names bodies that share nodes but no facet.
+    There is one pair for each obstacle, and one for each self contact. The name of a pair of two
+    bodies contains their names; pairs of more bodies are numbered. Names depend neither on
+    stiffness nor on facet sizes. The pairs are logged, and `Diagnostics.between` has the forces
+    between each two bodies.
 
     Args:
         bodies: Bodies of one space.
@@ -174,10 +175,13 @@ def all_pairs(
     # Rigid facets provide segments, as their nodes resolve the contact area less well, unless they
     # are so round that facets of the other body do not resolve them.
     coarsest = max((size for size in coarse.values() if size < np.inf), default=0.0)
-    for group in separate:
-        if coarse[id(group)] == np.inf and method != MORTAR:
-            least = max(arc_length(*facing(group)), facet_size_towards(*facing(group)))
-            coarse[id(group)] = float(f"{least:.6g}") if least < coarsest else math.inf
+    round_rigid = set[int]()
+    for group in separate if method != MORTAR else []:
+        if coarse[id(group)] == np.inf:
+            size = max(arc_length(*facing(group)), facet_size_towards(*facing(group)))
+            if size < coarsest:
+                coarse[id(group)] = float(f"{size:.6g}")
+                round_rigid.add(id(group))
     groups = sorted(separate, key=lambda group: coarse[id(group)])
     pairs: list[ContactPair] = []
 
@@ -216,11 +220,10 @@ def all_pairs(
 
     halves = list(_halves(groups))
     for finer, coarser in halves:
-        is_round = [math.isfinite(coarse[id(group)]) and group[0].is_rigid for group in finer]
-        for nodes_touch in (False, True):
-            some = [each for each, flag in zip(finer, is_round, strict=True) if flag == nodes_touch]
+        for is_round, by in ((False, method), (True, NODES)):
+            some = [group for group in finer if (id(group) in round_rigid) == is_round]
             if some:
-                add(list(chain(*some)), list(chain(*coarser)), NODES if nodes_touch else method)
+                add(list(chain(*some)), list(chain(*coarser)), by)
     for two in halves if edges else []:
         finer, coarser = (list(chain(*some)) for some in two)
         if num_sharp_edges(surface(*finer)) and num_sharp_edges(surface(*coarser)):

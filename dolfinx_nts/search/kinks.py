@@ -17,11 +17,13 @@ from dolfinx_nts.search.nodal_facets import NodalFacets
 __all__ = ["arc_length", "nodes_on_kinks"]
 
 # Angle by which a round surface turns below a facet [rad] above which the mean gap of the facet
-# does not describe the contact. Larger: forces on bars bent over rigid rollers are too small (by
-# 12 % where it is 0.5); smaller: nodes of the rigid surface, whose pressures scatter, where facets
-# of the other body would do (2 % at 0.2).
+# does not describe the contact. Larger: forces on bars bent over rigid rollers are too small, by
+# 12 % where it is 0.5; smaller: nodes of the rigid surface, whose pressures scatter, where facets
+# of the other body would do, with an error of 2 % at 0.2.
 _TURNED = 0.25
-# Fraction of the nodes up to which a surface is plane [-].
+# Fraction of plane nodes [-] up to which a surface counts as round. At most a half: round surfaces
+# of straight facets of degree 2, whose mid-nodes are plane, count as plane. Larger: plane tools
+# with rounded edges count as round.
 _MOST = 0.6
 # Angle between facets of a plane due to round-off [rad].
 _ROUND_OFF = 1e-6

@@ -197,9 +197,12 @@ def test_only_facing_bodies_of_connected_ones_determine_roles(comm, stiff, pad_f
     else:
         core = nts.Body(V, tags, 2, nts.NeoHookean(stiff, 0.3, 1e3))
     pad, other = nts.Body(V, tags, 1, RUBBER), nts.Body(V, tags, 3, RUBBER)
-    (pair,) = nts.all_pairs([pad, core, other])
     expected = (pad, core) if pad_faces_the_other else (other,)
-    assert np.array_equal(ids(pair.nodes), ids(nts.boundary_of(*expected)))
+    for bodies in ([pad, core, other], [core, pad, other]):
+        (pair,) = nts.all_pairs(bodies)
+        assert np.array_equal(ids(pair.nodes), ids(nts.boundary_of(*expected)))
+        # Only round rigid bodies without a deformable part give nodes by node-to-segment contact.
+        assert pair.method == "mortar"
 
 
 @pytest.mark.at_most_two_ranks
