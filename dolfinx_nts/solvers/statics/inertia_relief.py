@@ -176,11 +176,12 @@ class InertiaRelief:
         gram, f = sums[:, :-1], sums[:, -1]
         # In orthonormal combinations of the free motions, unit translations and rotations by one
         # over the size of the body, forces are resultants, and moments divided by this size.
-        resultants = np.linalg.solve(np.linalg.qr(neutral)[1].T, f) if len(f) else f
+        unit, scales = np.linalg.qr(neutral)
+        resultants = np.linalg.solve(scales.T, f)
         force, driven = float(np.linalg.norm(resultants)), ""
         share = force / (max(pressing, scale) or 1.0)
         if share > _NEGLIGIBLE:
-            parts = [np.linalg.norm(neutral[columns] @ f) for columns in self._columns]
+            parts = [np.linalg.norm(unit[columns] @ resultants) for columns in self._columns]
             body = self.bodies[int(np.argmax(parts))]
             driven = f"no support or contact holds {body} against {force:.3g} N"
         self._driven.append(driven)
