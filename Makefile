@@ -48,7 +48,7 @@ stress: ## scenes that try to break a run, tables results/stress.csv, docs/table
 sanitize: ## tests of the kernels under address and undefined-behaviour sanitizers
 	$(RUN) environment/sanitize
 
-coverage: ## lines that tests on one rank execute, table docs/tables/coverage.md, pages in build/coverage
+coverage: ## lines that the tests on one rank execute, table and pages in build/coverage
 	$(RUN) environment/coverage
 
 traps: ## all tests on one rank, with floating-point traps

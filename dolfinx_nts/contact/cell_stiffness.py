@@ -55,8 +55,8 @@ class Layers:
         own: Values of the layer of each node, shape ``(m, 4)``: compression per pressure [m/Pa], 0
             where it does not deform; slowness 1/(rho c) of its waves [m^2 s/kg]; compliance of the
             material 1/M [1/Pa]; largest height of the layers of the other body [m].
-        least: The least values of the segments that deform, for each node, ``(m, 4)``; 0 if none
-            deforms, but for the thickness.
+        least: The least values of the segments that deform, and the least height of all segments,
+            for each node, ``(m, 4)``; 0 if none deforms.
         segment_nodes, of_segments: Owned nodes of the segments, ``(k,)``, and their values,
             ``(k, 4)``.
         varies: Whether the values of the segments differ.
