@@ -64,8 +64,8 @@ def warn_of_round_fits(pairs: Sequence[ContactPair]) -> None:
         if deviation > 0 and nodes.V.mesh.comm.rank == 0:
             _logger.warning(
                 "round surfaces of %s fit each other with a gap of %.2g m, which their flat facets "
-                "change by %.2g m from place to place: forces and pressures may be wrong by several "
-                "per cent; use finer facets, or both surfaces with smooth=True and method='mortar'",
+                "change by %.2g m from place to place: forces and pressures may be wrong by a tenth "
+                "or more; use finer facets, or both surfaces with smooth=True and method='mortar'",
                 *(pair.between, gap, deviation),
             )
 
