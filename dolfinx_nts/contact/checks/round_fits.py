@@ -63,9 +63,10 @@ def warn_of_round_fits(pairs: Sequence[ContactPair]) -> None:
         gap, deviation = _fit(nodes, segments)
         if deviation > 0 and nodes.V.mesh.comm.rank == 0:
             _logger.warning(
-                "round surfaces of %s fit each other with a gap of %.2g m, which their flat facets "
-                "change by %.2g m from place to place: forces and pressures may be wrong by a tenth "
-                "or more; use finer facets, or both surfaces with smooth=True and method='mortar'",
+                "round surfaces of %s fit each other with a gap of %.2g m, which flat facets "
+                "change by %.2g m from place to place: forces and pressures may be wrong by a "
+                "tenth or more; use finer facets, or both surfaces with smooth=True and "
+                "method='mortar'",
                 *(pair.between, gap, deviation),
             )
 
