@@ -10,17 +10,17 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.closed_boundaries import boundary_of_mesh, outward_triangles, triangles_at
-from dolfinx_nts.model.segments import area_vectors, diameters
+from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 
 __all__ = ["least_thickness", "wall_thickness"]
 
-# Depth of the start of a ray below its facet, relative to the facet [-].
+# Depth of the start of a ray below its facet, relative to the shortest edge of the facet [-].
 _BELOW = 1e-6
-# Length of the first rays relative to the largest triangle, and growth of the length of further
-# rays [-].
+# Length of the first rays relative to the largest of these edges, and growth of the length of
+# further rays [-].
 _FIRST_REACH, _LONGER = 4.0, 4.0
 # Reference positions of a space, and the boundary of the cells of this rank at these, by the `id`
 # of the space; an entry is deleted with its space.
@@ -47,7 +47,7 @@ def least_thickness(comm: MPI.Comm, triangles: Floats) -> float:
     begin, inward = (joined(comm, each) for each in _rays(triangles))
     boundary = _boundary(triangles)
     # Only the shortest ray is needed; rays are lengthened until one of them leaves the body.
-    widest = reductions.largest(comm, float(diameters(triangles).max(initial=0.0)))
+    widest = reductions.largest(comm, float(_shortest_edges(triangles).max(initial=0.0)))
     reach = min(_FIRST_REACH * widest, longest) or longest
     while True:
         nearest = float(_exits(comm, boundary, begin, inward, reach).min(initial=np.inf))
@@ -91,7 +91,17 @@ def wall_thickness(surface: Surface, farthest: float) -> Floats:
 def _rays(facets: Floats) -> tuple[Floats, Floats]:
     """Starts just below facets ``(t, k, 3)``, and inward unit normals, ``(t, 3)`` [m]. Local."""
     normal = _kernels.unit_vectors(area_vectors(facets, np.ones(len(facets))))
-    return facets.mean(axis=1) - _BELOW * diameters(facets)[:, None] * normal, -normal
+    return facets.mean(axis=1) - _BELOW * _shortest_edges(facets)[:, None] * normal, -normal
+
+
+def _shortest_edges(facets: Floats) -> Floats:
+    """Length of the shortest edge of each facet ``(t, k, 3)``, shape ``(t,)`` [m]. Local.
+
+    The other edges of extruded boundaries of a 2-D mesh can be much longer than the body.
+    """
+    edges = facets - np.roll(facets, 1, axis=1)
+    shortest: Floats = np.linalg.norm(edges, axis=2).min(axis=1)
+    return shortest
 
 
 def _boundary(triangles: Floats) -> _kernels.Boundaries:

@@ -405,7 +405,7 @@ def test_bodies_inside_each_other_are_found():
     assert abs(overlap.depth - 0.05) < 1e-9
     assert overlap.nodes == 8  # four of either
     walls = stepper.watch.overlaps.search.thickness
-    assert np.abs(walls - [0.5, 1.0]).max() < 1e-3
+    assert np.abs(walls - [0.5, 1.0]).max() < 1e-5
 
 
 @pytest.mark.serial
