@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.model.obstacles.rims import FACET_EDGES, SHARP
+from dolfinx_nts.model.segments import area_vectors
 
 __all__ = ["AdjacentFacets"]
 
@@ -66,23 +67,45 @@ class AdjacentFacets:
         not inside the body, and points less deep below it entered the body through it.
         """
         flags: Flags = np.zeros(len(facet), dtype=bool)
-        k = self._facets.shape[1]
-        pairs = _kernels.with_vertices(points, x, self._facets, facet)
-        _, gap, normal, _ = _kernels.project(pairs, self._orientation[facet])
-        (below,) = (gap < 0).nonzero()
-        if not len(below):
-            return flags
-        place, other = self._around(facet[below])
-        own, theirs = self._facets[facet[below[place]]], self._facets[other]
-        at_edge = (own[:, :, None] == theirs[:, None]).sum(axis=(1, 2)) == min(k - 1, 2)
-        row, other, own = below[place[at_edge]], other[at_edge], own[at_edge]
-        pairs = _kernels.with_vertices(points[row], x, self._facets, other)
-        _, above, of_other, _ = _kernels.project(pairs, self._orientation[other])
-        behind = pairs[:, 1:].mean(axis=1) - x[own].mean(axis=1)
-        turns = np.einsum("ei,ei->e", of_other, normal[row]) < SHARP
-        turns &= np.einsum("ei,ei->e", behind, normal[row]) < 0
-        flags[row[turns & (above > gap[row])]] = True
+        used, which = np.unique(facet, return_inverse=True)
+        own, other = self._turning_away(used, x)
+        (near,) = np.isin(which, own).nonzero()
+        near = near[self._gaps(points[near], x, facet[near]) < 0]
+        place, beyond = _entries(own, which[near])
+        row = near[place]
+        gap, of_other = (self._gaps(points[row], x, each) for each in (facet[row], other[beyond]))
+        flags[row[of_other > gap]] = True
         return flags
+
+    def _gaps(self, points: Floats, x: Floats, facet: Ints) -> Floats:
+        """Gaps of points above facets, shape ``(m,)`` [m]."""
+        pairs = _kernels.with_vertices(points, x, self._facets, facet)
+        gap: Floats = _kernels.project(pairs, self._orientation[facet])[1]
+        return gap
+
+    def _turning_away(self, facet: Ints, x: Floats) -> tuple[Ints, Ints]:
+        """Adjacent facets that turn away at a convex edge: ascending index and facet, ``(e,)``."""
+        own, other = self._with_common_edge
+        row, place = _entries(own, facet)
+        own, other = own[place], other[place]
+        (normal, middle), (of_other, beyond) = (
+            (
+                _kernels.unit_vectors(area_vectors(x[self._facets[each]], self._orientation[each])),
+                x[self._facets[each]].mean(axis=1),
+            )
+            for each in (own, other)
+        )
+        turns = np.einsum("ei,ei->e", normal, of_other) < SHARP
+        turns &= np.einsum("ei,ei->e", beyond - middle, normal) < 0
+        return row[turns], other[turns]
+
+    @cached_property
+    def _with_common_edge(self) -> tuple[Ints, Ints]:
+        """Pairs of facets with a common edge, by ascending first facet, both ``(e,)``."""
+        own, other = self._around(np.arange(len(self._facets), dtype=np.int32))
+        same = self._facets[own][:, :, None] == self._facets[other][:, None]
+        at_edge = same.sum(axis=(1, 2)) == min(self._facets.shape[1] - 1, 2)
+        return own[at_edge], other[at_edge]
 
     def have_common_vertices(self, facet: Ints, other: Ints) -> Flags:
         """Whether facets share vertices with the facets ``other``, shape ``(m,)``."""
@@ -114,6 +137,15 @@ class AdjacentFacets:
             same = group[row] == of_other
             row, other = row[same], other[same]
         return row.astype(np.int32), other.astype(np.int32)
+
+
+def _entries(ascending: Ints, values: Ints) -> tuple[Ints, Ints]:
+    """Places of equal numbers: index of the value, ascending, and place, both ``(e,)``."""
+    first, last = (np.searchsorted(ascending, values, side) for side in ("left", "right"))
+    counts = last - first
+    row = np.repeat(np.arange(len(values), dtype=np.int32), counts)
+    place = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(len(row))
+    return row, place
 
 
 def _outside(xi: Floats, num_vertices: int) -> Floats:

@@ -178,8 +178,7 @@ class FacetPoints:
         """
         facets, scatter, k = self.facets, self.candidates.scatter, self.linear.shape[1]
         segments, orientation = self.candidates.segments, self.candidates.orientation
-        normal = unit_normals(facets.X[segments[self.of_segment]])
-        normal *= orientation[self.of_segment, None]
+        normal = (unit_normals(facets.X[segments]) * orientation[:, None])[self.of_segment]
         vertices = facets.vertices[self.facet, :k].ravel()
         sums = [
             np.bincount(vertices, ((self.weight * values) * self.linear.T).T.ravel(), len(facets.X))
