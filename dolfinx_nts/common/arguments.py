@@ -17,6 +17,7 @@ __all__ = [
     "called",
     "check_call",
     "check_methods",
+    "check_spelling",
     "chosen_times",
     "did_you_mean",
     "finite",
@@ -35,6 +36,9 @@ __all__ = [
 
 # Digits of printed numbers [-]: enough for numbers given by users, without their round-off.
 _DIGITS = 12
+# Similarity of two names [-] above which one is the other, misspelt. Smaller: names of other
+# attributes are refused.
+_SAME_WORD = 0.85
 
 
 def as_call(item: object, **values: Any) -> str:
@@ -149,6 +153,25 @@ def check_methods(kind: type[Any]) -> None:
 def is_of_package(function: Any) -> bool:
     """Whether a function is defined in the package, and not by a user. Local."""
     return (getattr(function, "__module__", None) or "").startswith("dolfinx_nts.")
+
+
+def check_spelling(given: Any, optional: Iterable[str]) -> None:
+    """Check that no attribute of a user-defined object is a misspelt optional one. Local.
+
+    Args:
+        given: An object whose class is derived from one of the package.
+        optional: Names of attributes that have a default in the package.
+
+    Raises:
+        AttributeError: A name differs from an optional one by a few letters.
+    """
+    names = {name.lower(): name for name in optional}
+    for name in sorted(set(dir(given)) - set(names.values())):
+        for close in get_close_matches(name.lower(), names, n=1, cutoff=_SAME_WORD):
+            raise AttributeError(
+                f"expected {names[close]} as an attribute of {type(given).__name__}, given "
+                f"{name}: correct the spelling, or choose a name that differs more"
+            )
 
 
 def called(function: Callable[..., Any], name: str, *arguments: Any) -> Any:

@@ -86,9 +86,10 @@ class Hyperelastic(StrainEnergy):
         TypeError: ``psi`` cannot be called, is a function of F, or converts its arguments to Python
             numbers; or a branch is not a pair of numbers.
         ValueError: A number is not finite or has the wrong sign. ``psi`` is not a scalar, or
-            without fields is not twice differentiable or not least at C = 1. ``one_point`` names
-            no parameter or all of them, or ``psi`` is not the sum of both parts. With
-            ``"volumetric"``, an isotropic change of volume has a stress that is not a pressure.
+            without fields is not twice differentiable or not least at C = 1, or has no bulk
+            modulus. ``one_point`` names no parameter or all of them, or ``psi`` is not the sum of
+            both parts. With ``"volumetric"``, an isotropic change of volume has a stress that is
+            not a pressure.
 
     Example:
         >>> def psi(C, mu, kappa):

@@ -82,7 +82,7 @@ class StrainEnergy(Declaration):
         Raises:
             TypeError: The energy is not a UFL expression of C, or converts C to numbers.
             ValueError: The energy is not a scalar; or, without fields, is not twice differentiable,
-                has a stress, or is not least there.
+                has a stress, is not least there, or does not resist a change of volume.
         """
         if (shape := energy_of_symbols(self.psi).ufl_shape) != ():
             raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
@@ -109,6 +109,13 @@ class StrainEnergy(Declaration):
                 "expected psi(C) least at C = 1, given moduli with the negative eigenvalue "
                 f"{np.linalg.eigvalsh(self.moduli)[0]:g} Pa: an undeformed body would collapse; "
                 "check the signs of its terms"
+            )
+        volume = np.einsum("aii->a", basis)
+        if volume @ self.moduli @ volume < _ROUND_OFF * np.trace(self.moduli):
+            raise ValueError(
+                "expected psi(C) that resists a change of volume, given a bulk modulus of 0: a "
+                "body would be compressed without resistance; add a term such as "
+                "kappa / 8 * ufl.ln(ufl.det(C)) ** 2"
             )
 
     @cached_property

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import called, positive
+from dolfinx_nts.common.arguments import called, check_spelling, positive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction.laws import SLIP_MEASURES, FrictionLaw, FrictionNodes
 
@@ -155,6 +155,7 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
     Collective, as is the area of the nodes at its first use.
 
     Raises:
+        AttributeError: An attribute is one of `FrictionLaw`, misspelt.
         TypeError: The method `FrictionLaw.limit` takes other arguments, or ``eps_T`` is not a
             number.
         ValueError: ``eps_T`` is not positive, or ``law`` is unknown; limits or derivatives are not
@@ -162,6 +163,7 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
             limit; limits depend on the slip although ``depends_on_slip`` is False; or a second call
             with the same arguments returns other limits.
     """
+    check_spelling(law, ("eps_T", "depends_on_slip"))
     if law.eps_T is not None:
         positive(f"the tangential stiffness eps_T of {law!r}", law.eps_T)
     if law.law not in SLIP_MEASURES:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import is_of_package, kind_of, positive
+from dolfinx_nts.common.arguments import check_spelling, is_of_package, kind_of, positive
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
 from dolfinx_nts.model.obstacles.user_distance import signed_distance
@@ -30,6 +30,11 @@ _WRONG, _NOT_UNIT = 1e-2, 1e-6
 # Excess of a distance over the distance from a point near the surface, relative to it, above which
 # the distance is too large [-].
 _TOO_LARGE = 1e-3
+# Optional lengths of an obstacle, infinite if it has no far side or is nowhere convex.
+_LENGTHS = {
+    "shortest_passage": "a quarter of its least thickness",
+    "least_radius": "its least radius of convex curvature",
+}
 # Largest number of iterations towards the surface [-]; points that do not reach it are left out.
 _MOST_ITERATIONS = 50
 
@@ -45,16 +50,18 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
         size: Size of a facet [m].
 
     Raises:
+        AttributeError: An attribute is an optional one of `ExactObstacle`, misspelt.
         TypeError: The method `ExactObstacle.distance` takes other arguments, or
-            ``shortest_passage`` is not a number.
-        ValueError: It changes the positions, or returns arrays of other shapes or types; normals
-            are not unit vectors, or not the gradient of the distance at the surface; a distance
-            outside is larger than that from the surface, of an obstacle with a far side; or
-            ``shortest_passage`` is not positive.
+            ``shortest_passage`` or ``least_radius`` is not a number.
+        ValueError: One of these is not positive. The method changes the positions, or returns
+            arrays of other shapes or types; normals are not unit vectors, or not the gradient of
+            the distance at the surface; a distance outside is larger than that from the surface, of
+            an obstacle with a far side.
     """
-    passage = obstacle.shortest_passage
-    if passage != np.inf:
-        positive(f"shortest_passage of {obstacle!r}, a quarter of its least thickness [m]", passage)
+    check_spelling(obstacle, ("shortest_passage", "least_radius", "is_of_revolution"))
+    for name, meaning in _LENGTHS.items():
+        if (length := getattr(obstacle, name)) != np.inf:
+            positive(f"{name} of {obstacle!r}, {meaning} [m]", length)
     if len(x) == 0 or is_of_package(type(obstacle).distance):
         return
     dim = obstacle.dim
@@ -90,7 +97,7 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
             x = x - np.clip(excess[:, None] * slope / square, -size, size)
     gap, normal = _evaluated(obstacle, x)
     is_near: Flags = np.abs(gap - _NEAR * size) < _CLOSE * _NEAR * size
-    if passage < np.inf:
+    if obstacle.shortest_passage < np.inf:
         _check_bound(obstacle, start[is_near], height[is_near], x[is_near], gap[is_near])
     has_normal: Flags = np.isfinite(np.linalg.norm(normal, axis=1))
     if is_near.any() and not has_normal[is_near].any():

@@ -56,6 +56,15 @@ def test_right_laws_are_accepted(law):
     check_law(law, NODES)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "meant"), [("eps_t", 1e3, "eps_T"), ("depend_on_slip", False, "depends_on_")]
+)
+def test_misspelt_attribute_is_refused(name, value, meant):
+    law = type("Misspelt", (Viscous,), {name: value})()
+    with pytest.raises(AttributeError, match=f"expected {meant}.* of Misspelt, given {name}"):
+        check_law(law, NODES)
+
+
 @pytest.mark.parametrize("name", ["by_p", "by_slip"])
 @pytest.mark.parametrize("factor", [-1.0, 0.0, 0.5, 0.999, 2.0])
 def test_wrong_derivative_is_named(name, factor):

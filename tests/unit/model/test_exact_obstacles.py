@@ -224,6 +224,16 @@ def test_wrong_shortest_passage_is_refused(rng, passage, error):
         check_distance(obstacle, rng.normal(size=(9, 3)), 0.1)
 
 
+def test_misspelt_and_wrong_optional_attributes_are_refused(rng):
+    x = rng.normal(size=(9, 3))
+    with pytest.raises(AttributeError, match=r"expected shortest_passage .* given shortest_pasage"):
+        check_distance(type("Thin", (Ball,), {"shortest_pasage": 0.1})(), x, 0.1)
+    for radius, error in (("one", TypeError), (0.0, ValueError)):
+        kind = type("Tip", (Ball,), {"least_radius": property(lambda self, r=radius: r)})
+        with pytest.raises(error, match="least_radius of Tip"):
+            check_distance(kind(), x, 0.1)
+
+
 def test_dimension_of_an_obstacle_in_the_plane_is_named(comm):
     square = mesh.create_unit_square(comm, 2, 2)
     facets = mesh.locate_entities_boundary(square, 1, lambda x: np.isclose(x[1], 0.0))
