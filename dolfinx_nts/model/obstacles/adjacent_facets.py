@@ -67,7 +67,8 @@ class AdjacentFacets:
         not inside the body, and points less deep below it entered the body through it.
         """
         flags: Flags = np.zeros(len(facet), dtype=bool)
-        used, which = np.unique(facet, return_inverse=True)
+        used, index = np.unique(facet, return_inverse=True)
+        which = index.astype(np.int32)
         own, other = self._turning_away(used, x)
         (near,) = np.isin(which, own).nonzero()
         near = near[self._gaps(points[near], x, facet[near]) < 0]
@@ -141,7 +142,8 @@ class AdjacentFacets:
 
 def _entries(ascending: Ints, values: Ints) -> tuple[Ints, Ints]:
     """Places of equal numbers: index of the value, ascending, and place, both ``(e,)``."""
-    first, last = (np.searchsorted(ascending, values, side) for side in ("left", "right"))
+    first = np.searchsorted(ascending, values, side="left")
+    last = np.searchsorted(ascending, values, side="right")
     counts = last - first
     row = np.repeat(np.arange(len(values), dtype=np.int32), counts)
     place = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(len(row))
