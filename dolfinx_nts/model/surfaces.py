@@ -22,11 +22,11 @@ from dolfinx_nts.common.arguments import as_call, label
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
-from dolfinx_nts.fem.axisymmetry import is_axisymmetric, over_circumference
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
+from dolfinx_nts.fem.facet_integrals import shape_integrals
 from dolfinx_nts.fem.few_nodes import nodes_on_any_rank, sums_at
-from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.facet_segments import facet_segments
 from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
@@ -309,16 +309,8 @@ class Surface(Declaration):
         It is the integral of the shape function, in axisymmetric meshes over the circumference.
         Collective at the first use.
         """
-        eta = ufl.TestFunction(self.V)
-        # One tag for all surfaces, so that they share one compiled form.
-        mesh, dim = self.V.mesh, self.V.mesh.topology.dim - 1
-        own = np.sort(self._facets.find(self._tag))
-        renamed = meshtags(mesh, dim, own, np.zeros_like(own))
-        ds = ufl.Measure("ds", domain=mesh, subdomain_data=renamed, subdomain_id=0)
-        form = compile_quickly(over_circumference(eta[0], mesh) * ds)
-        area: Floats = assembled(form).reshape(-1, dimension(self.V))
-        area = area[self.nodes, 0]
-        return area
+        nodes, integrals = shape_integrals(self.V, self._facets.find(self._tag))
+        return sums_at(self.V, self.nodes, nodes.ravel(), integrals.reshape(-1, 1))[:, 0]
 
     @cached_property
     def positive_area(self) -> Floats:
