@@ -157,8 +157,11 @@ def all_pairs(
     comm = bodies[0].V.mesh.comm
     softest = reductions.least(comm, float(moduli.min(initial=np.inf)))
 
+    surfaces = [surface(*group) for group in separate]
+
     def facing(group: Sequence[Body]) -> list[Surface]:
-        return [surface(*group), *(surface(*each) for each in separate if each is not group)]
+        own = surface(*group)
+        return [own, *(each for each in surfaces if each is not own)]
 
     def coarseness(group: Sequence[Body]) -> float:
         lengths, faces = facing_segments(*facing(group))

@@ -150,7 +150,7 @@ def _shifts(pair: ContactPair, X: Floats, reach: float) -> tuple[Ints, Floats]:
     candidates, _ = search.update(X, reach)
     x = candidates.scatter.forward(X)
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
-    segment, gap = candidates.pair(NodalFacets(nodes).points(X), x, none, reach)
+    segment, gap = candidates.pair(NodalFacets.of(nodes).points(X), x, none, reach)
     found = np.flatnonzero((segment >= 0) & (np.abs(gap) <= reach))
     node, segment = nodes.nodes[found], segment[found]
     points = NodalPoints(node)

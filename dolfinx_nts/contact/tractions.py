@@ -32,7 +32,7 @@ class Tractions(ABC):
 
     def __init__(self, pair: ContactPair, search: Search, passes: Passes) -> None:
         self.pair, self.search, self.passes = pair, search, passes
-        self.facets = NodalFacets(pair.nodes)
+        self.facets = NodalFacets.of(pair.nodes)
 
     @property
     @abstractmethod

@@ -94,7 +94,7 @@ def arc_length(surface: Surface, *others: Surface) -> float:
 
 def _turns(surface: Surface) -> tuple[Iterator[_Turn], Floats]:
     """Pairs of facets around the owned nodes, and smallest diameters, ``(n,)`` [m]. Collective."""
-    around = NodalFacets(surface).around
+    around = NodalFacets.of(surface).around
     x = around.scatter.forward(reference_positions(surface.V))
     corners = x[around.vertices]
     vectors = area_vectors(corners, around.orientation)

@@ -2,6 +2,7 @@
 
 from functools import cached_property
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 from mpi4py import MPI
 
@@ -24,13 +25,13 @@ __all__ = ["AroundNodes", "NodalFacets"]
 # Reach of the search for the facets around a node, relative to the longest facet [-]: it only has
 # to exceed round-off.
 _AROUND = 1e-6
-
-
 # Least cosine of the angle between the contact normal and the inward normal of a facet on which
 # contact acts [-]: 60 degrees, so that it acts on both sides of a right-angled edge with a normal
 # at 45 degrees. Smaller: it also acts on lateral facets that bulge; larger: not on facets at blunt
 # tips. Other values were not measured.
 _OPPOSED = 0.5
+# Reference positions of a space, and facets of a surface at these.
+_KNOWN: "WeakKeyDictionary[Surface, tuple[Floats, NodalFacets]]" = WeakKeyDictionary()
 
 
 class AroundNodes(NamedTuple):
@@ -90,6 +91,14 @@ class NodalFacets:
         self._fractions: Floats = size[facet] / of_node[node[order]]
         facets = near.segments, near.orientation, counts.astype(np.int32), facet, corner
         self._take(AroundNodes(near.scatter, surface.nodes, *facets, angle))
+
+    @classmethod
+    def of(cls, surface: Surface) -> "NodalFacets":
+        """Cached facets of a surface, renewed after its mesh has moved. Collective."""
+        X = reference_positions(surface.V)
+        if surface not in _KNOWN or _KNOWN[surface][0] is not X:
+            _KNOWN[surface] = X, cls(surface)
+        return _KNOWN[surface][1]
 
     def _take(self, around: AroundNodes, group: Ints | None = None) -> None:
         """Create the kernel object.

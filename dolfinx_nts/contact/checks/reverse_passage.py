@@ -144,7 +144,7 @@ class _Sweep:
     def __init__(self, vertices: Surface, facets: Surface) -> None:
         self._vertices = vertices
         self._comm: MPI.Comm = vertices.V.mesh.comm
-        self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets(vertices)
+        self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets.of(vertices)
         # The path between two checks is followed: only a path through the whole body could be
         # missed.
         X = reference_positions(facets.V)
