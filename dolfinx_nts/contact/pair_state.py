@@ -20,6 +20,7 @@ from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.nodes_of_pairs import NodesOfPairs
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import ForcesOfNodes, Passes
+from dolfinx_nts.contact.springs import STIFFER
 from dolfinx_nts.contact.tractions import Tractions
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
@@ -151,7 +152,7 @@ class PairState(Tractions, NodesOfPairs):
             stiffness: Returns two stiffnesses of all owned nodes of the space, ``(n,)`` [N/m], see
                 `spring_stiffness`: the static one, and that of springs between nodes and segments
                 that both do not deform. Called only if a default is needed.
-            stiffer: Stiffness of normal springs relative to their nodes [-].
+            stiffer: Stiffness of springs relative to their nodes [-].
             cells: Returns the P-wave modulus of the owned nodes of the space, infinite at
                 prescribed displacements and in rigid bodies, shape ``(n,)`` [Pa], and the density,
                 ``(n,)`` [kg/m^3]. With both, the default stiffness of normal springs follows from
@@ -160,18 +161,20 @@ class PairState(Tractions, NodesOfPairs):
         if self._ranges is not None:
             return
         pair = self.pair
-        softer: Floats = np.ones(len(pair.nodes.nodes))
-        normal = softer
+        normal: Floats = np.ones(len(pair.nodes.nodes))
+        tangential = normal
         if _needs_default_stiffness(pair):
             softer, in_place = map(self._softer_side, stiffness())
             softer = np.where(np.isinf(softer), in_place, softer)
-            normal = stiffer * softer
+            normal = tangential = stiffer * softer
             if cells is not None:
                 of_cells = Layers.of(pair, *cells())
                 normal = np.where(of_cells.deforms, of_cells.stiffness() / SOFT, normal)
+                # As stiff as loaded normal springs: no impact arrives along the surface.
+                tangential = np.where(of_cells.deforms, STIFFER * normal, normal)
                 if _takes_default(pair):
                     self.layers = of_cells
-        self.choose_penalty(normal, softer)
+        self.choose_penalty(normal, tangential)
 
     def _softer_side(self, of_all: Floats) -> Floats:
         """Smaller stiffness of each node and of the stiffest vertex, ``(m,)`` [N/m]. Collective.

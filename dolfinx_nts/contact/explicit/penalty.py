@@ -33,8 +33,6 @@ from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["ContactSprings", "SpringForces"]
 
-# Default stiffness of tangential springs relative to normal ones [-].
-_SOFTER = 0.1
 
 _NO_DISSIPATION: Floats = np.empty(0)
 _NO_WORK = (0.0,) * 6
@@ -210,7 +208,7 @@ class ContactSprings:
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
         penalty /= self._share  # `PairState.choose_penalty` multiplies by the share
-        self._state.choose_penalty(penalty, _SOFTER * penalty)
+        self._state.choose_penalty(penalty, penalty)
 
     @property
     def num_segments(self) -> int:

@@ -457,7 +457,7 @@ def test_tangential_spring_follows_a_given_penalty(comm):
     stable = nts.CentralDifference(scene.stepper.bodies, [pair]).stable_step
     (contact,) = nts.CentralDifference(scene.stepper.bodies, [pair], dt=stable).contacts
     np.testing.assert_allclose(contact.eps_N, 50.0)
-    np.testing.assert_allclose(contact.eps_T, 5.0)
+    np.testing.assert_allclose(contact.eps_T, 50.0)
 
 
 # --- cost --------------------------------------------------------------
