@@ -28,7 +28,6 @@ from dolfinx_nts.model.surfaces import (
     Smooth,
     Surface,
     boundary_facets,
-    facet_size_towards,
     facing_segments,
 )
 from dolfinx_nts.parallel import reductions
@@ -106,8 +105,9 @@ def all_pairs(
     the coarser half; further pairs divide each half again. Of two meshes whose facets differ by
     less than half, the mesh of a body fifteen times as stiff counts as coarser: its nodes would
     have alternating pressures, and its vertices would penetrate between the nodes of the softer
-    body. Rigid bodies provide segments, except round ones with finer facets, of which a facet of
-    the other body would cover more than a quarter radian: their nodes have node-to-segment contact.
+    body. Rigid bodies provide segments, and so do round bodies fifteen times as stiff. They provide
+    nodes if facets of the soft bodies cover more than a quarter radian of their round surface, and
+    would only see a mean gap there; nodes of rigid bodies then have node-to-segment contact.
     Bodies that share nodes count as one; a warning names bodies that share nodes but no facet.
     There is one pair for each obstacle, and one for each self contact. The name of a pair of two
     bodies contains their names; pairs of more bodies are numbered. Names depend neither on
@@ -163,28 +163,33 @@ def all_pairs(
         own = surface(*group)
         return [own, *(each for each in surfaces if each is not own)]
 
-    def coarseness(group: Sequence[Body]) -> float:
+    def size_and_weight(group: Sequence[Body]) -> tuple[float, float]:
         lengths, faces = facing_segments(*facing(group))
         # Of connected bodies, only those whose facets face other bodies determine the size.
         of_facets = joined(comm, moduli[surface(*group).segments].max(axis=1))
         modulus = float(np.median(of_facets[faces]))
         if modulus == np.inf:
-            return math.inf
+            return math.inf, math.inf
         weight = min((modulus / softest) ** _BY_STIFFNESS, _SIMILAR) if softest > 0 else 1.0
-        # Rounded, so that equal bodies keep their order in the list.
-        return float(f"{np.quantile(lengths[faces], FINE) * weight:.6g}")
+        return float(np.quantile(lengths[faces], FINE)), weight
 
-    coarse = {id(group): coarseness(group) for group in separate}
-    # Rigid facets provide segments, as their nodes resolve the contact area less well, unless they
-    # are so round that facets of the other body do not resolve them.
-    coarsest = max((size for size in coarse.values() if size < np.inf), default=0.0)
-    round_rigid = set[int]()
-    for group in separate if method != MORTAR else []:
-        if coarse[id(group)] == np.inf:
-            size = max(arc_length(*facing(group)), facet_size_towards(*facing(group)))
-            if size < coarsest:
-                coarse[id(group)] = float(f"{size:.6g}")
+    sizes = {id(group): size_and_weight(group) for group in separate}
+    soft = [size for size, weight in sizes.values() if weight < _SIMILAR]
+    coarsest, round_rigid = max(soft, default=0.0), set[int]()
+    coarse = dict[int, float]()
+    for group in separate:
+        size, weight = sizes[id(group)]
+        arc = arc_length(*facing(group)) if weight >= _SIMILAR else math.inf
+        if arc < coarsest and (weight < math.inf or method != MORTAR):
+            # Soft facets do not resolve the stiff round body, and would only see a mean gap.
+            size = min(size, arc)
+            if weight == math.inf:
                 round_rigid.add(id(group))
+        elif weight < math.inf:
+            # Nodes of a stiff round body would have alternating pressures.
+            size = weight * (max(size, coarsest) if arc < math.inf else size)
+        # Rounded, so that equal bodies keep their order in the list.
+        coarse[id(group)] = float(f"{size:.6g}")
     groups = sorted(separate, key=lambda group: coarse[id(group)])
     pairs: list[ContactPair] = []
 
