@@ -192,10 +192,15 @@ def check_space(V: fem.FunctionSpace) -> None:
         )
     degree = compat.geometry_degree(mesh)
     if degree not in (1, element.degree):
+        if element.degree == 1:
+            raise ValueError(
+                "expected straight cells for displacements of degree 1, given a mesh of degree "
+                f'{degree}: take ("Lagrange", 2, ({dim},)), or read the mesh without '
+                "gmsh.model.mesh.setOrder"
+            )
         raise ValueError(
-            f"expected cells of degree 1, or curved ones of the degree {element.degree} of the "
-            f"displacement, given a mesh of degree {degree}: displacements of degree 2 "
-            "need straight cells or curved cells of degree 2"
+            f"expected cells of degree 1 or 2, given a mesh of degree {degree}: call "
+            "gmsh.model.mesh.setOrder(2) before the mesh is read"
         )
 
 
