@@ -194,9 +194,9 @@ def check_space(V: fem.FunctionSpace) -> None:
     if degree not in (1, element.degree):
         if element.degree == 1:
             raise ValueError(
-                "expected straight cells for displacements of degree 1, given a mesh of degree "
-                f'{degree}: take ("Lagrange", 2, ({dim},)), or read the mesh without '
-                "gmsh.model.mesh.setOrder"
+                "expected cells of degree 1, straight ones, for displacements of degree 1, given a "
+                f'mesh of degree {degree}: displacements of degree 2, ("Lagrange", 2, ({dim},)), '
+                "go with curved cells; gmsh.model.mesh.setOrder(1) makes straight ones"
             )
         raise ValueError(
             f"expected cells of degree 1 or 2, given a mesh of degree {degree}: call "
