@@ -14,7 +14,7 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Search
 from dolfinx_nts.search.nodal_facets import NodalFacets
 
-__all__ = ["Tractions"]
+__all__ = ["Tractions", "pressure_and_further_area"]
 
 
 class Tractions(ABC):
@@ -57,10 +57,7 @@ class Tractions(ABC):
 
     @property
     def pressure(self) -> Floats:
-        reverse = self._forces_of_reverse_passes(_normal_forces)
-        facing = self._facing_fractions(_normal_forces(self.history) + reverse)
-        own = self.search.per_area(-self.history.lambda_N, facing, self.history.area)
-        return own + self._on_facets(np.linalg.norm(reverse, axis=1), facing)
+        return pressure_and_further_area(self)[0]
 
     @property
     def traction(self) -> Floats:
@@ -69,7 +66,7 @@ class Tractions(ABC):
         In mortar contact all facets around the nodes count, otherwise those that face the contact.
         """
         force = self.history.force + self._forces_of_reverse_passes(lambda history: history.force)
-        return self._on_facets(force, self._facing_fractions_of_passes())
+        return _on_facets(self.pair, force, self._facing_fractions_of_passes())
 
     @property
     def friction_traction(self) -> Floats:
@@ -79,19 +76,11 @@ class Tractions(ABC):
             self._forces_of_reverse_passes(_friction),
         )
         own = self.search.per_area(_friction(self.history), facing, self.history.area)
-        return own + self._on_facets(reverse, facing)
+        return own + _on_facets(self.pair, reverse, facing)
 
     def _facing_fractions_of_passes(self) -> Floats:
         reverse = self._forces_of_reverse_passes(_normal_forces)
         return self._facing_fractions(_normal_forces(self.history) + reverse)
-
-    def _on_facets(self, force: Floats, facing: Floats) -> Floats:
-        """Nodal forces per area; in mortar contact the area of all facets of a node. Collective.
-
-        ``facing`` is the fraction of it that faces the contact, shape ``(n,)`` [-].
-        """
-        is_mortar = self.pair.method == MORTAR
-        return self.nodes.per_area(force, None if is_mortar else facing * self.nodes.area)
 
     def _facing_fractions(self, force: Floats) -> Floats:
         """Fractions of the nodal areas opposed to the normal forces, shape ``(n,)`` [-]."""
@@ -113,6 +102,24 @@ class Tractions(ABC):
         return total
 
 
+def pressure_and_further_area(contact: Tractions) -> tuple[Floats, Floats]:
+    """Pressure at the nodes of a pair, and areas of further nodes that receive forces. Collective.
+
+    They are inactive nodes that receive forces of vertices and opposite passes.
+
+    Returns:
+        Pressure, shape ``(n,)`` [Pa], and reference area of these nodes from which the pressure
+        follows, 0 at all others, shape ``(n,)`` [m^2].
+    """
+    pair, history = contact.pair, contact.history
+    reverse = contact._forces_of_reverse_passes(_normal_forces)
+    facing = contact._facing_fractions(_normal_forces(history) + reverse)
+    own = contact.search.per_area(-history.lambda_N, facing, history.area)
+    further = _on_facets(pair, np.linalg.norm(reverse, axis=1), facing)
+    area = pair.nodes.spread(_areas(pair, facing))
+    return own + further, np.where((further > 0) & ~history.active, area, 0.0)
+
+
 def _normal_forces(history: ContactHistory) -> Floats:
     """Normal forces on the nodes, shape ``(n, 3)`` [N]. Local."""
     forces: Floats = np.abs(history.lambda_N)[:, None] * history.normal
@@ -122,3 +129,16 @@ def _normal_forces(history: ContactHistory) -> Floats:
 def _friction(history: ContactHistory) -> Floats:
     """Friction on the nodes, shape ``(n, 3)`` [N]. Local."""
     return -history.traction
+
+
+def _on_facets(pair: ContactPair, force: Floats, facing: Floats) -> Floats:
+    """Nodal forces per area; in mortar contact the area of all facets of a node. Collective.
+
+    ``facing`` is the fraction of it that faces the contact, shape ``(n,)`` [-].
+    """
+    return pair.nodes.per_area(force, _areas(pair, facing))
+
+
+def _areas(pair: ContactPair, facing: Floats) -> Floats:
+    """Areas of the nodes for `_on_facets`, shape ``(n,)`` [m^2]. Collective at the first use."""
+    return pair.nodes.area if pair.method == MORTAR else facing * pair.nodes.area

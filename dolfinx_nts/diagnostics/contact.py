@@ -34,7 +34,7 @@ class PairBalance:
             along y [N].
         torque: Torque about the origin on the nodes, shape ``(3,)``, in the plane ``(1,)``, about
             z, axisymmetric ``(0,)`` [N m].
-        contact_area: Reference area of the nodes that transmit force [m^2].
+        contact_area: Reference area of the nodes that transmit or receive force [m^2].
         largest_pressure: Largest contact pressure of a node [Pa].
 
     Example:
@@ -154,11 +154,15 @@ class ContactDiagnostics:
 
     def pairs(self) -> dict[str, PairBalance]:
         """Contact of each pair in the last step, by the names of its two sides."""
-        areas = map(float, self._of_pairs()[:, 2])
-        pressures = [float(p.max(initial=0.0)) for p in self._now().pressures]
-        pressures = reductions.largest(self._comm, pressures) if pressures else []
+        areas = self._of_pairs()[:, 2]
+        pressures = np.array([p.max(initial=0.0) for p in self._now().pressures])
+        # Inactive nodes next to vertices of the other side receive forces, too.
+        further = np.array([area.sum() for area in self._now().further_areas])
+        largest = reductions.largest(self._comm, np.array([pressures, further]))
+        if largest[1].any():
+            areas = areas + self._sum(further)
         vectors = [self._parts(pair) for pair in self.pair_resultants()]
-        of_pairs = zip(vectors, areas, pressures, strict=True)
+        of_pairs = zip(vectors, map(float, areas), map(float, largest[0]), strict=True)
         balances = (PairBalance(*parts, *scalars) for parts, *scalars in of_pairs)
         return ByName("pair", self._pair_names, balances)
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.tractions import pressure_and_further_area
 from dolfinx_nts.integrators.stepper import Stepper
 
 __all__ = ["CurrentState"]
@@ -46,7 +47,17 @@ class CurrentState:
             self._gaps = [contact.gap(self.x) for contact in self.stepper.contacts]
         return self._gaps
 
-    @cached_property
+    @property
     def pressures(self) -> Sequence[Floats]:
         """Contact pressures of the nodes of each pair [Pa]. Collective at the first use."""
-        return [contact.pressure for contact in self.stepper.contacts]
+        return [pressure for pressure, _ in self._pressed]
+
+    @property
+    def further_areas(self) -> Sequence[Floats]:
+        """Areas of inactive nodes that receive forces [m^2]. Collective at the first use."""
+        return [area for _, area in self._pressed]
+
+    @cached_property
+    def _pressed(self) -> Sequence[tuple[Floats, Floats]]:
+        """Results of `pressure_and_further_area` for each pair."""
+        return [pressure_and_further_area(contact) for contact in self.stepper.contacts]

@@ -192,10 +192,15 @@ def check_space(V: fem.FunctionSpace) -> None:
         )
     degree = compat.geometry_degree(mesh)
     if degree not in (1, element.degree):
+        if element.degree == 1:
+            raise ValueError(
+                "expected cells of degree 1, straight ones, for displacements of degree 1, given a "
+                f'mesh of degree {degree}: displacements of degree 2, ("Lagrange", 2, ({dim},)), '
+                "go with curved cells; gmsh.model.mesh.setOrder(1) makes straight ones"
+            )
         raise ValueError(
-            f"expected cells of degree 1, or curved ones of the degree {element.degree} of the "
-            f"displacement, given a mesh of degree {degree}: displacements of degree 2 "
-            "need straight cells or curved cells of degree 2"
+            f"expected cells of degree 1 or 2, given a mesh of degree {degree}: call "
+            "gmsh.model.mesh.setOrder(2) before the mesh is read"
         )
 
 

@@ -67,7 +67,9 @@ class LimitPoint:
             end: Time at the end of the failed step [s].
             has_loads: Whether loads act; if not, prescribed displacements alone drive the bodies.
         """
-        found = f"statics has no equilibrium beyond a time between t = {start:.6g} and {end:.6g}, "
+        found = (
+            f"statics found no equilibrium beyond a time between t = {start:.6g} and {end:.6g}, "
+        )
         if has_loads:
             found += (
                 "a limit load as in buckling, snapping or bursting: the closer to it, the faster "

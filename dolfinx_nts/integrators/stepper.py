@@ -202,7 +202,7 @@ class Stepper(TimeLoop):
         check_repeated(self.pairs)
         check_rigid_bodies(self.bodies, self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
-        warn_of_round_fits(self.pairs)
+        warn_of_round_fits(self.pairs, self.bodies)
         super().__init__(V, dt, self.bodies, self.scheme)
         body = body_of_nodes(self.bodies)[: V.dofmap.index_map.size_local]
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item, body)

@@ -185,7 +185,21 @@ def _tags_by_name(mesh: Elements, dim: int) -> dict[str, int]:
             name = mesh.name(of, tag)
             if tags.setdefault(name, tag) != tag:
                 raise ValueError(f"expected one tag for {name!r}, given {tags[name]} and {tag}")
+        _warn_of_lost_names(mesh, of)
     return tags
+
+
+def _warn_of_lost_names(mesh: Elements, dim: int) -> None:
+    """Warn of groups without a name beside others with one."""
+    groups = mesh.physical(dim)
+    lost = [mesh.name(dim, tag) for tag in groups if not mesh.names.get((dim, tag))]
+    if lost and len(lost) < len(groups):
+        _logger.warning(
+            "physical %s: no name, while other groups of the same dimension have one: gmsh drops "
+            "a name that another group has; give each group a name of its own, or put both into "
+            "one group",
+            ", ".join(lost),
+        )
 
 
 def _kind_of_cells(mesh: Elements, dim: int) -> int:

@@ -92,7 +92,8 @@ class Body(Declaration):
         if material.remembered_terms and V.ufl_element().degree > 1:
             raise ValueError(
                 f"expected, for {type(material).__name__}, a space of degree 1, given one of "
-                f"degree {V.ufl_element().degree}: hexahedra of degree 1 do not lock"
+                f"degree {V.ufl_element().degree}: hexahedra of degree 1 do not lock in "
+                "plastic flow"
             )
         if material.is_sheet and (V.mesh.geometry.dim != 2 or is_axisymmetric(V.mesh)):
             raise ValueError(

@@ -340,17 +340,29 @@ class Surface(Declaration):
             Forces per reference area, of the same shape [Pa].
         """
         values = np.column_stack([self.area if area is None else area, force])
+        return _ratios(self.spread(values)).reshape(force.shape)
+
+    def spread(self, values: Floats) -> Floats:
+        """Move an eighth of the values of each mid-node to each adjacent vertex. Collective.
+
+        Args:
+            values: Values of the nodes, shape ``(n,)`` or ``(n, m)``.
+
+        Returns:
+            Values of the same shape; at degree 1 the argument.
+        """
         if self._degree == 1:
-            return _ratios(values).reshape(force.shape)
+            return values
+        columns = values.reshape(len(values), -1)
         node, end = self._middles.T
-        vector = la.vector(self.V.dofmap.index_map, values.shape[1])
-        spread: Floats = vector.array.reshape(-1, values.shape[1])
-        spread[self.nodes] = values
+        vector = la.vector(self.V.dofmap.index_map, columns.shape[1])
+        spread: Floats = vector.array.reshape(-1, columns.shape[1])
+        spread[self.nodes] = columns
         given = _TO_END * spread[node]
         np.add.at(spread, end, given)
         np.subtract.at(spread, node, given)
         vector.scatter_reverse(la.InsertMode.add)
-        return _ratios(spread[self.nodes]).reshape(force.shape)
+        return spread[self.nodes].reshape(values.shape)
 
     @cached_property
     def _box(self) -> Floats:

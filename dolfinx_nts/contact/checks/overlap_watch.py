@@ -11,7 +11,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.checks.start import check_rigid_facets, deepen_search
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import unloaded
-from dolfinx_nts.contact.method import EDGES
+from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
@@ -362,6 +362,12 @@ class OverlapWatch:
             if both <= nodes | segments
         ]
         depth = max(seen)
+        if depth < _SEEN * overlap.depth and self._has_mean_gaps(both):
+            return (
+                "their contact pair closes mean gaps over facets, not those of single points; "
+                "harmless where round surfaces touch, as forces act once mean gaps are closed; "
+                "otherwise move the bodies apart before the first step"
+            )
         if depth < _SEEN * overlap.depth:
             return (
                 "their contact pair does not detect this, as it checks its nodes only, to a depth "
@@ -411,11 +417,12 @@ class OverlapWatch:
                 "a sharp obstacle, a meshed RigidBody, whose edges and corners have contact"
             )
         if not held:
-            return (
-                "their contact pair constrains only the nodes of {outer}; {inner} penetrates "
-                "between them; use the finer or softer surface as nodes, or both surfaces where "
-                "corners or edges strike (two_half_passes, or one surface of both bodies that "
-                "touches itself)"
+            is_mean = self._has_mean_gaps({inner, outer})
+            what = "closes mean gaps over facets" if is_mean else "constrains only the nodes"
+            return f"their contact pair {what} of " + (
+                "{outer}; {inner} penetrates between them; use the finer or softer surface as "
+                "nodes, or both surfaces where corners or edges strike (two_half_passes, or one "
+                "surface of both bodies that touches itself)"
             )
         if any(isinstance(contact.pair.enforcement, Penalty) for contact in held):
             return (
@@ -434,6 +441,10 @@ class OverlapWatch:
             "StepControl(gap_tol=...); if it grows, the pair lacks surfaces that touch "
             "(all_pairs has all of them)"
         )
+
+    def _has_mean_gaps(self, both: set[str]) -> bool:
+        """Whether mortar contact acts between two bodies. Local."""
+        return any(c.pair.method == MORTAR and both <= a | b for c, a, b in self._roles)
 
     def _lacks_edges(self, overlap: Overlap) -> bool:
         """Whether two bodies in space have sharp edges, but no edge-to-edge contact."""

@@ -6,11 +6,12 @@ from itertools import product
 
 import numpy as np
 
-from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
+from dolfinx_nts import _kernels, compat
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids, listed, reference_positions
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.closed_boundaries import outward_triangles
@@ -73,18 +74,46 @@ def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None =
     ids, depth, ends = (joined(comm, part) for part in own)
     if len(ids):
         seen = ", or deeper, as facets are seen to half of their size"
-        raise _inside(pair, ids, depth, ends, seen * isinstance(obstacle, RigidSurface))
+        on_chords = reductions.everywhere(comm, _are_on_chords(pair.nodes, nodes[new]))
+        given = seen * isinstance(obstacle, RigidSurface), on_chords
+        raise _inside(pair, ids, depth, ends, *given)
 
 
-def _inside(pair: ContactPair, ids: GlobalInts, depth: Floats, x: Floats, more: str) -> ValueError:
-    """Error for nodes of all ranks inside an obstacle, with their depths [m] and positions [m]."""
+def _are_on_chords(surface: Surface, nodes: Ints) -> bool:
+    """Whether nodes are midpoints of straight edges, which may be chords of arcs. Local."""
+    element = Element.of(surface.V)
+    if element.degree == 1 or compat.geometry_degree(surface.V.mesh) > 1:
+        return False
+    is_corner = [len(pairs) == 1 and pairs[0, 0] == pairs[0, 1] for pairs in element.diagonals]
+    return not np.isin(nodes, surface.V.dofmap.list[:, is_corner]).any()
+
+
+def _inside(
+    pair: ContactPair,
+    ids: GlobalInts,
+    depth: Floats,
+    x: Floats,
+    more: str,
+    on_chords: bool = False,
+) -> ValueError:
+    """Error for nodes of all ranks inside an obstacle, with their depths [m] and positions [m].
+
+    ``on_chords`` is whether all of them are midpoints of straight edges.
+    """
     deepest, found = depth.argmax(), np.unique(ids)
+    remedy = (
+        "they are midpoints of straight edges, which are chords of a round surface: "
+        "gmsh.model.mesh.setOrder(2), called after the mesh is made, puts them on the arc; "
+        "otherwise move"
+        * on_chords
+        or "move"
+    )
     place = ", ".join(f"{coordinate:.3g}" for coordinate in x[deepest] + 0.0)
     return ValueError(
         f"expected bodies outside of obstacles, given {len(found)} nodes of {pair.nodes.name} "
         f"up to {depth[deepest]:.3g} inside {pair.segments.name}{more}, deepest at ({place}): "
-        f"{listed(found)}; move the two apart before the first step, and let a Motion or supports "
-        "bring them together in steps"
+        f"{listed(found)}; {remedy} the two apart before the first step, and let a Motion or "
+        "supports bring them together in steps"
     )
 
 

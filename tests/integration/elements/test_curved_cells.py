@@ -212,3 +212,34 @@ def test_files_show_the_round_surface(comm, tmp_path):
         grid.extract_surface(algorithm="dataset_surface").points - CENTRE, axis=1
     )
     assert np.abs(distance / RADIUS - 1).max() <= 1e-6
+
+
+def pulley_and_ring(model: Any, order: int) -> None:
+    """Add a ring that fits a disc of radius 0.5 m, with its nodes on the circle."""
+    outer, inner = ([(2, model.occ.addDisk(0, 0, 0, r, r))] for r in (0.7, RADIUS))
+    (ring,), _ = model.occ.cut(outer, inner)
+    model.occ.synchronize()
+    model.addPhysicalGroup(2, [ring[1]], name="ring")
+    model.mesh.setSize(model.getEntities(0), 0.2)
+    model.mesh.generate(2)
+    model.mesh.setOrder(order)
+
+
+def test_midpoints_of_straight_edges_inside_a_round_obstacle_have_a_message(comm, refused):
+    def stepper(order):
+        mesh, cells, _, tag = nts.read_mesh(partial(pulley_and_ring, order=order), comm)
+        V = fem.functionspace(mesh, ("Lagrange", 2, (2,)))
+        body = nts.Body(V, cells, tag["ring"], RUBBER)
+        pulley = nts.RigidSphere(centre=(0.0, 0.0), radius=RADIUS)
+        return nts.EnergyMomentum([body], nts.all_pairs([body], obstacles=[pulley]), dt=1e-3)
+
+    stepper(2).advance()
+    with refused(ValueError, r"inside .*midpoints of straight edges.*setOrder\(2\)"):
+        stepper(1).advance()
+
+
+def test_displacements_of_degree_one_on_curved_cells_have_a_message(comm, refused):
+    mesh, cells, _, tag = nts.read_mesh(partial(pulley_and_ring, order=2), comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    with refused(ValueError, r"straight ones, for .* degree 1, given a mesh of degree 2"):
+        nts.Body(V, cells, tag["ring"], RUBBER)

@@ -113,3 +113,43 @@ def test_pressure_below_an_edge_that_covers_a_sliver_of_a_facet_is_not_too_large
     integral = comm.allreduce(fem.assemble_scalar(fem.form(pressure * ufl.ds)))
     # Nodes outside the edge have a pressure, too, and their whole facets count here.
     assert integral < 1.8 * abs(pair.force[dim - 1])
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("method", ["mortar", once("node-to-segment")])
+@pytest.mark.parametrize("degree", [1, once(2)])
+def test_nodes_pressed_by_a_vertex_are_in_contact(comm, agree, method, degree):
+    """The corner of a turned square presses into the middle of a facet of a plate.
+
+    The nodes around receive the force. At degree 1 each has the area of a facet.
+    """
+
+    def build(model):
+        nts.parts.add_rectangle(model, "plate", corner=(-3.5, -1), size=(7, 1), cells=(7, 1))
+        nts.parts.add_rectangle(model, "square", corner=(9, 9), size=(2, 2), cells=(2, 2))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    x = mesh.geometry.x
+    of_square = x[:, 0] > 8
+    across, up = x[of_square, :2].T - 9
+    x[of_square, :2] = np.column_stack([across - up, across + up]) / np.sqrt(2)
+    V = fem.functionspace(mesh, ("Lagrange", degree, (2,)))
+    material = nts.NeoHookean(1e6, 0.3, 1e3)
+    plate, square = (nts.Body(V, cells, tag[name], material) for name in ("plate", "square"))
+    pairs = [nts.ContactPair(nts.boundary_of(plate), nts.boundary_of(square), method=method)]
+    ends = [
+        fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], -1.0)),
+        fem.locate_dofs_geometrical(V, lambda x: x[1] > 1.2),
+    ]
+    travels = np.zeros(2), np.array([0.0, -0.05])
+    bcs = [fem.dirichletbc(travel, dofs, V) for travel, dofs in zip(travels, ends, strict=True)]
+    stepper = nts.QuasiStatic([plate, square], pairs, dt=0.5, bcs=bcs)
+    stepper.advance()
+    (pair,) = nts.Diagnostics(stepper).pairs().values()
+    assert pair.force[1] < 0 < pair.largest_pressure
+    presses = stepper.contacts[0].pressure > 0
+    if degree == 1:
+        assert pair.contact_area == pytest.approx(comm.allreduce(np.count_nonzero(presses)))
+    assert 1.0 <= pair.contact_area <= 4.0001
+    x = stepper.x[pairs[0].nodes.nodes[presses]]
+    assert agree(np.all(np.abs(x[:, 0]) < 1.6) and np.all(np.abs(x[:, 1]) < 0.06))

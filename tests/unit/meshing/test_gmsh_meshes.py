@@ -621,3 +621,21 @@ def test_script_of_gmsh_next_to_a_mesh_is_not_executed(comm, tmp_path):
     path.with_name("a.msh.opt").write_text(f'SystemCall "touch {trace}";\nMerge "nowhere.msh";\n')
     assert "ball" in read_mesh(path, comm).tag
     assert not trace.exists()
+
+
+def test_a_name_that_gmsh_drops_is_reported(comm, caplog):
+    """Gmsh ignores the second of two equal names."""
+
+    def build(model, *names):
+        for number in range(2):
+            model.occ.addRectangle(2 * number, 0, 0, 1, 1)
+        model.occ.synchronize()
+        for number, name in enumerate(names, start=1):
+            model.addPhysicalGroup(2, [number], name=name)
+        model.mesh.generate(2)
+
+    for names, others in ((("box", "lid"), ["lid"]), (("", ""), ["surface 2"])):
+        assert set(others) < set(read_mesh(lambda model, n=names: build(model, *n), comm).tag)
+    assert "no name" not in caplog.text
+    assert "surface 2" in read_mesh(lambda model: build(model, "box", "box"), comm).tag
+    assert comm.bcast("physical surface 2: no name" in caplog.text)

@@ -602,3 +602,31 @@ def test_touching_bodies_are_checked_after_an_approach_of_a_cell(comm, monkeypat
     # another check nor beyond the edge of the plate.
     assert len(checks) == int(0.75 / (0.85 * 0.7 * 0.45)) + 1
     assert not paths
+
+
+def test_round_bodies_that_touch_in_mortar_contact_press_on_each_other(comm, reported_overlaps):
+    """The corner of a polygon touches the arc behind a chord, while mean gaps are open."""
+
+    def build(model):
+        occ = model.occ
+        pin = occ.addDisk(0, -0.5, 0, 0.5, 0.5)
+        occ.rotate([(2, pin)], 0, -0.5, 0, 0, 0, 1, -np.pi / 2)
+        (cup,), _ = occ.cut(
+            [(2, occ.addDisk(0, 0, 0, 1.5, 1.5))], [(2, occ.addDisk(0, 0, 0, 1, 1))]
+        )
+        occ.rotate([cup], 0, 0, 0, 0, 0, 1, np.pi / 12)
+        occ.synchronize()
+        for name, surface, number in (("pin", pin, 12), ("cup", cup[1], 12)):
+            model.addPhysicalGroup(2, [surface], name=name)
+            for _, curve in model.getBoundary([(2, surface)], oriented=False):
+                model.mesh.setTransfiniteCurve(curve, number + 1)
+        model.mesh.generate(2)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    bodies = [nts.Body(V, cells, tag[name], SOFT) for name in ("pin", "cup")]
+    pin, cup = map(nts.boundary_of, bodies)
+    nts.EnergyMomentum(bodies, [nts.ContactPair(cup, pin)], dt=1e-3).advance()
+    (text,) = reported_overlaps()
+    assert "starts up to" in text and "closes mean gaps over facets" in text
+    assert "no force acts" not in text
