@@ -24,6 +24,7 @@ from dolfinx_nts.search.candidates import contact_normals
 from dolfinx_nts.search.shared_segments import SharedSegments
 
 __all__ = [
+    "LATE",
     "STATIC_OVERHANG",
     "Approach",
     "LocalSearch",
@@ -37,6 +38,12 @@ _MOST_MOVES = 2
 # Largest distance of a node without inertia from its segment in equilibrium, tangential and
 # relative to the size of the segment [-]. At a concave edge such a node is below the next segment.
 STATIC_OVERHANG = 0.06
+# Penetration in excess of that at t_n above which an inactive node counts as missed contact,
+# relative to the longest segment [-]. Smaller: ordinary impacts are solved twice, as nodes next to
+# active ones end deeper than in the ballistic motion (at 0.02 the first impact of two blocks takes
+# 8 iterations instead of 4). Larger: impacts from rest end deeper (0.31 segments at 0.4, where half
+# of the approach is 0.2).
+LATE = 0.05
 # Search radius relative to the largest displacement increment of the trial motion [-]: both
 # surfaces may move, and Newton iterates overshoot.
 _REACH = 3
@@ -320,6 +327,21 @@ class LocalSearch:
         _, moved = self._find(x, node, self._overhang)
         self._count(node, moved)
         return int(np.count_nonzero(moved)), False
+
+    def unheld(self, x: Floats, node: Ints, active: Flags) -> tuple[Ints, Ints, Floats] | None:
+        """Nodes inside the other surface, deeper than at t_n, that contact has lost. Local.
+
+        They are found independently of the contact points; None where the points are the nodes.
+
+        Args:
+            x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
+            node: Eligible nodes, shape ``(m,)``.
+            active: Flags of all nodes that transmit force, shape ``(n,)``.
+
+        Returns:
+            The nodes, their segments, and the gaps to these [m], see `penetrated_nodes`.
+        """
+        return None
 
     def _left_inside(self, x: Floats, node: Ints) -> Ints:
         """Select nodes with a fixed segment that penetrate another one. Local.

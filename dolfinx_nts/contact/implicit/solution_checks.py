@@ -15,11 +15,11 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.checks.overlap_watch import OverlapWatch
-from dolfinx_nts.contact.checks.passage import Passage, passing_nodes_message
+from dolfinx_nts.contact.checks.passage import Passage, passing_message, passing_nodes_message
 from dolfinx_nts.contact.enforcement import TOUCHES, Penalty, Tied
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.contact.implicit.local_search import may_face
+from dolfinx_nts.contact.implicit.local_search import LATE, may_face
 from dolfinx_nts.contact.implicit.normal.interface import eligible_or_excluded
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
@@ -42,12 +42,6 @@ __all__ = [
 # Largest depth of an active node below an adjacent segment, and by how much this may exceed the
 # depth below its own one, relative to the size of a segment [-].
 _DEEP, _DEEPER = 0.1, 0.05
-# Penetration in excess of that at t_n above which an inactive node counts as missed contact,
-# relative to the longest segment [-]. Smaller: ordinary impacts are solved twice, as nodes next to
-# active ones end deeper than in the ballistic motion (at 0.02 the first impact of two blocks takes
-# 8 iterations instead of 4). Larger: impacts from rest end deeper (0.31 segments at 0.4, where half
-# of the approach is 0.2).
-_LATE = 0.05
 # Ratio of trial to computed relative motion of node and segment [-] below which a node moves from
 # rest, so that the trial motion does not predict contact. Larger: steps of vibrating bodies are
 # solved twice, and may have no second solution. Smaller: a body that begins to move penetrates
@@ -61,6 +55,9 @@ _OPEN = 1e-3
 _CONE, _PARALLEL = 1e-3, 0.05
 # Admissible error of a multiplier relative to the residual norm [-].
 _NOISE = 10
+# Text on nodes that penetrate without force, with their depth, and its cause.
+_INSIDE = "are inside the other surface without contact force, up to {:.3g} m deep,"
+_FARTHER = "they moved farther than the search expected"
 # Slip relative to the longest segment [-] below which round-off determines its direction.
 _SLIPS = 1e-6
 
@@ -94,7 +91,10 @@ def missed_contact(
             passing = _passage(step, ~eligible_or_excluded(step.normal)).points
             is_seen = not reductions.anywhere(state.nodes.V.mesh.comm, len(passing) > 0)
         if not is_seen:
-            messages.append(_missed_nodes(repeat(state), known, ends[1]))
+            repeated = repeat(state)
+            messages.append(_missed_nodes(repeated, known, ends[1]))
+            if step is None:
+                messages.append(_passing_message(repeated))
         elif step is not None:
             messages.append(_message(step, *_late_nodes(step), ends[1]))
     return next(filter(None, messages), "")
@@ -130,7 +130,7 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
         segment = search.segment[node]
         gap, before = search.pairing.gaps(x, node, segment), gap_n[node]
     size = step.state.segment_sizes[node]
-    late = gap < np.fmin(before, 0.0) - _LATE * size
+    late = gap < np.fmin(before, 0.0) - LATE * size
     late &= normal.may_activate(node, before, gap)
     node, gap = node[late], gap[late]
     if not len(node):
@@ -183,6 +183,23 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
     return _message(step, node, approach.gap[node], x)
 
 
+def _passing_message(step: ContactStep) -> str:
+    """Message naming nodes of a skipped pair that pass through a surface, or "". Collective.
+
+    The step is solved again with this pair, whose solution is checked as that of any other.
+    ``step`` is its contact with the end of the step as trial state.
+    """
+    if vertex_tolerance(step.state) is not None:
+        return ""
+    search, nodes = step.search, step.state.nodes
+    passage = Passage.through(
+        *(search.candidates, search.points, (search.x_n, search.approach.x)),
+        *(search.start, search.reach),
+    )
+    ids = nodes.node_ids[passage.points]
+    return passing_message(nodes.V.mesh.comm, "nodes", ids, _FARTHER)
+
+
 def _message(step: ContactStep, node: Ints, gap: Floats, x: Floats) -> str:
     """Message naming penetrating nodes without force, and the deepest position, or "". Collective.
 
@@ -192,9 +209,8 @@ def _message(step: ContactStep, node: Ints, gap: Floats, x: Floats) -> str:
         gap: Their gaps, shape ``(m,)`` [m].
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
     """
-    text = "are inside the other surface without contact force, up to {:.3g} m deep,"
-    message = _wrong_nodes(step, text, node, -gap, x[step.state.nodes.nodes[node]])
-    return message and f"{message}; they moved farther than the search expected"
+    message = _wrong_nodes(step, _INSIDE, node, -gap, x[step.state.nodes.nodes[node]])
+    return message and f"{message}; {_FARTHER}"
 
 
 def check_penetration(step: ContactStep, dt: float) -> str:
@@ -218,6 +234,14 @@ def check_penetration(step: ContactStep, dt: float) -> str:
         return f"nodes that sank into a surface between two segments: {between}"
     if beyond:
         return f"contact points that slid off their segments within the step: {beyond}"
+    unheld = None
+    if not step.search.pairing.follows:
+        unheld = step.search.unheld(step.x, step.normal.nodes, step.normal.active)
+    if unheld is not None:
+        node, _, gap = unheld
+        there = step.x[step.state.nodes.nodes[node]]
+        if message := _wrong_nodes(step, _INSIDE, node, -gap, there):
+            return message
     if vertex_tolerance(step.state) is not None:
         return ""  # vertices of segments are followed by `ReversePassages`
     return passing_nodes_message(step.state.nodes, _passage(step, ~step.normal.active), dt)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.mortar.whole_facets import linear_functions
 from dolfinx_nts.search.points import ContactPoints
@@ -14,11 +14,15 @@ from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidat
 from dolfinx_nts.search.smooth.smooth_candidates import weights_of_pairs
 from dolfinx_nts.search.smooth.smooth_patches import flat_patch
 
-__all__ = ["FacetCandidates", "distances", "outside", "rises"]
+__all__ = ["FacetCandidates", "distances", "extend_evenly", "outside", "rises"]
 
 # Distance outside a curved facet in reference coordinates [-] up to which it is extrapolated.
 # Larger: strongly curved facets are extrapolated too far; smaller: flat facets are used more often.
 _OUTSIDE = 0.5
+# Least area of the extension of a quadrilateral, per area of its coordinates and relative to its
+# centre [-]. Smaller: near a fold points have no projection, and forces of friction are arbitrary;
+# larger: fewer points may slide over several segments.
+_LEAST_AREA = 0.5
 # Kernels of flat facets, and of curved facets and patches, see `Candidates.contact`.
 _FLAT: dict[str, Callable[..., Any]] = {
     "conserving": _kernels.contact_conserving,
@@ -178,6 +182,39 @@ class FacetCandidates(SegmentCandidates):
             return None
         weights[flat] = self._of_flat
         return weights
+
+
+def extend_evenly(candidates: FacetCandidates, x: Floats, segment: Ints, xi: Floats) -> Flags:
+    """Whether flat facets extend to given coordinates with about their own size. Local.
+
+    The extension of edges and triangles is uniform. A quadrilateral is not if it is no
+    parallelogram: beyond some distance it folds, and points have no projection.
+
+    Args:
+        candidates: The facets.
+        x: Positions of nodes, see `Candidates`.
+        segment: Facets, shape ``(m,)``.
+        xi: Convective coordinates of points, shape ``(m, 2)`` [-].
+
+    Returns:
+        Flags, shape ``(m,)``.
+    """
+    if candidates.segments.shape[1] != 4:
+        return np.ones(len(segment), dtype=bool)
+    first, right, upper, last = np.moveaxis(
+        x[candidates.facet_nodes.take(segment, axis=0, mode="wrap")[:, :4]], 1, 0
+    )
+    twist = last - right - upper + first
+
+    def area_vectors(at: Floats) -> Floats:
+        along, across = right - first + at[:, 1:] * twist, upper - first + at[:, :1] * twist
+        normals: Floats = np.cross(along, across)
+        return normals
+
+    centre = area_vectors(np.full_like(xi, 0.5))
+    there = np.einsum("mi,mi->m", area_vectors(xi), centre)
+    flags: Flags = there >= _LEAST_AREA * np.einsum("mi,mi->m", centre, centre)
+    return flags
 
 
 def outside(candidates: FacetCandidates, points: ContactPoints, x: Floats, segment: Ints) -> Floats:

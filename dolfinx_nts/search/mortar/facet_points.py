@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.search.edges.sharp_edges import unit_normals
-from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates, distances
+from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates, distances, extend_evenly
 from dolfinx_nts.search.mortar.mortar_points import MortarFacets, MortarPoints, Shares
 from dolfinx_nts.search.mortar.whole_facets import linear_functions
 
@@ -51,9 +51,10 @@ _COUNTED_AT_STEPS, _POWER_AT_STEPS = 2.0, 4.0
 _LEAST_OWN, _LEAST_OWN_OF_SPRINGS = 0.02, 0.005
 
 # Distance from its segment, in coordinates of the reference segment [-], above which a point is
-# left out. Only facets at right angles to segments have such points. Larger: projections of warped
-# segments have no solution (at 1.5 in a pile of balls), and near it forces are arbitrary; smaller:
-# facets inclined towards their segments lose points.
+# left out. Only facets at right angles to segments have such points, and with inertia points that
+# slide that far within a step. Larger: projections of warped segments have no solution (at 1.5 in
+# a pile of balls), and near it forces are arbitrary; smaller: facets inclined towards their
+# segments lose points.
 _BEYOND = 1.25
 
 
@@ -97,6 +98,7 @@ class FacetPoints:
         reach: float,
         *,
         kinks: bool = True,
+        slides_far: bool = False,
     ) -> "FacetPoints":
         """Choose the points of all nodes. Collective.
 
@@ -107,6 +109,8 @@ class FacetPoints:
             x: Positions at which segments are projected on facets.
             reach: Search distance of the facets [m].
             kinks: Whether multipliers opposite kinks of flat segments have linear shape functions.
+            slides_far: Whether points may be at any distance from their segments at x_n, on their
+                extension; otherwise those farther away than at x are left out.
         """
         is_smooth = facets.of_patches is not None or candidates.rise is not None
         *_, thickness = candidates.of_segments
@@ -144,9 +148,12 @@ class FacetPoints:
         places = replace(places, segment=segment)
         is_triangle, known = candidates.segments.shape[1] == 3, list[tuple[Floats, Floats]]()
         faces = np.ones(len(facet), dtype=bool)
-        for y in (x_n, x):
+        for y, slides in ((x_n, slides_far), (x, False)):
             xi, gap, *_ = candidates.projections(places, y, segment)
-            faces &= distances(xi, is_triangle=is_triangle) <= _BEYOND
+            near = distances(xi, is_triangle=is_triangle) <= _BEYOND
+            if slides:
+                near |= np.isfinite(gap) & extend_evenly(candidates, y, segment, xi)
+            faces &= near
             known.append((y, gap))
         if not faces.all():
             kept = np.flatnonzero(faces).astype(np.int32)

@@ -160,6 +160,28 @@ def test_refusal_names_bodies_place_depth_and_remedy(monkeypatch):
     assert np.abs(stepper.u.x.array).max() == 0
 
 
+def test_first_fall_through_an_obstacle_out_of_reach_is_refused():
+    """A column falls from rest; after half a step it would still be above the surface."""
+
+    def build(model):
+        parts.add_box(model, "column", corner=(0, 0, 0), size=(0.25, 0.25, 2), cells=(1, 1, 8))
+
+    mesh, tags, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, tags, tag["column"], nts.NeoHookean(1e9, 0.0, 1e3))
+    lines = np.linspace(-0.5, 0.75, 4)
+    corners = [(x, y, -0.8) for x in lines for y in lines]
+    first = np.array([i + 4 * j for i in range(3) for j in range(3)])
+    floor = nts.RigidSurface(corners, first[:, None] + [0, 1, 4, 5], outside=(0, 0, 9))
+    bottom = nts.Surface(V, facets, tag["column_bottom"])
+    pair = nts.ContactPair(bottom, floor, nts.LagrangeMultiplier(), method="node-to-segment")
+    gravity = nts.Gravity([body], (0.0, 0.0, -2 * 1.5 / 0.01**2))
+    stepper = nts.EnergyMomentum([body], [pair], dt=0.01, loads=[gravity])
+    with pytest.raises(nts.ConvergenceError, match="4 nodes pass through a surface"):
+        stepper.advance()
+    assert stepper.t == 0
+
+
 @pytest.mark.parametrize("fault", ["open gap", once("pulled")])
 def test_step_with_a_wrong_contact_force_is_refused(monkeypatch, fault):
     """A force is falsified after Newton's method has converged."""

@@ -61,6 +61,19 @@ shapes = pytest.mark.parametrize("k", [3, 4])
 
 
 @shapes
+def test_points_far_from_their_segments_at_the_start_are_kept_in_statics(k):
+    surface, candidates, x, points = choose(k, np.random.default_rng(3), noise=0.0)
+    x_n = x.copy()
+    x_n[: len(surface.nodes), 0] -= 0.75  # 3 segments
+    kept, left = (
+        FacetPoints.choose(surface, candidates, x_n, x, 1.0, slides_far=far).points()
+        for far in (True, False)
+    )
+    np.testing.assert_array_equal(kept.segment, points.segment)
+    assert len(left.segment) == 0
+
+
+@shapes
 def test_points_tile_the_overlap_and_are_on_their_segments(k, rng):
     _, _, x, points = choose(k, rng)
     assert points.shares.area.sum() == pytest.approx(0.81, rel=1e-12)

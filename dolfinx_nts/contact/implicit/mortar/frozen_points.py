@@ -9,9 +9,10 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES
-from dolfinx_nts.contact.implicit.local_search import Approach, LocalSearch
+from dolfinx_nts.contact.implicit.local_search import LATE, Approach, LocalSearch, penetrated_nodes
 from dolfinx_nts.contact.implicit.mortar.mortar_pairing import MortarPairing
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.massless import is_resolved
@@ -47,6 +48,13 @@ class FrozenPoints(LocalSearch):
     _most_renewals = 6
     # Whether facets opposite kinks of the segments have linear instead of dual functions.
     _has_kinks = True
+    # Whether points may slide over several segments in a step. With inertia, forces keep the gap at
+    # t_n, and gaps to the extension of bent segments would drift (by 0.16 segments in 16 steps of
+    # 3 segments each).
+    _slides_far = False
+    # Whether inactive nodes that have points must not be inside either. In an impact they may be,
+    # in the step in which they touch.
+    _is_static = False
     # Gap relative to the size of a segment [-] above which the position of points is irrelevant
     # at nodes without force.
     _nearby = 0.01
@@ -76,7 +84,9 @@ class FrozenPoints(LocalSearch):
         ends = x_n, x
         kinks = self._has_kinks and not self._is_resolved
         found = FacetPoints.choose(
-            self.candidates.facets, self.candidates, *ends, self.reach, kinks=kinks
+            *(self.candidates.facets, self.candidates, *ends, self.reach),
+            kinks=kinks,
+            slides_far=self._slides_far,
         )
         fraction = self._dual_fractions(found, x_n, x)
         if self._renewals > 1:
@@ -127,7 +137,8 @@ class FrozenPoints(LocalSearch):
 
     def reproject(self, x: Floats, node: Ints, active: Flags, converged: bool) -> tuple[int, bool]:
         near = self._near(node, active)
-        if not reductions.anywhere(self._comm, self._is_due(x, near, converged)):
+        is_due = self._is_due(x, near, converged) or (converged and self._loses(x, node, active))
+        if not reductions.anywhere(self._comm, is_due):
             return 0, False
         self._renewals += 1
         self._choose(x)
@@ -137,6 +148,24 @@ class FrozenPoints(LocalSearch):
         """Whether points of the nodes of `_near` must be chosen again after motion. Local."""
         may_move = self._renewals < self._most_renewals
         return may_move and self.pairing.num_beyond(x, near) > 0
+
+    def _loses(self, x: Floats, node: Ints, active: Flags) -> bool:
+        """Whether a node is inside without force, and would get other points at x. Local.
+
+        Arguments as for `reproject`.
+        """
+        has_moved = _kernels.farthest(x, self.pairing.x_chosen) > self._slack
+        if not (has_moved and self._renewals < self._most_renewals):
+            return False
+        flags = np.zeros(len(self._every), dtype=bool)
+        flags[node[active]] = True
+        return len(self.unheld(x, node, flags)[0]) > 0
+
+    def unheld(self, x: Floats, node: Ints, active: Flags) -> tuple[Ints, Ints, Floats]:
+        free = self.segment < 0
+        free[node] = self._is_static & ~active[node]
+        free &= self.candidates.facets.area > 0  # mid-nodes have no multipliers
+        return penetrated_nodes(self, x, free.nonzero()[0].astype(np.int32), LATE)
 
     def _near(self, node: Ints, active: Flags) -> Ints:
         """Select the nodes for which the position of the points matters. Local.
@@ -155,6 +184,11 @@ class TiedPoints(FrozenPoints):
     _most_renewals = 0
     _has_kinks = False
 
+    def unheld(self, x: Floats, node: Ints, active: Flags) -> tuple[Ints, Ints, Floats]:
+        # Ties do not keep bodies apart.
+        none = self._every[:0]
+        return none, none, np.empty(0)
+
     def _choose(self, x: Floats) -> None:
         # Points of ties are chosen at the reference positions.
         X = self.candidates.scatter.forward(reference_positions(self._V))
@@ -168,6 +202,7 @@ class TiedPoints(FrozenPoints):
 class SettlingPoints(FrozenPoints):
     """Quadrature points of statics, renewed until they are consistent with the equilibrium."""
 
+    _slides_far = _is_static = True
     _nearby = 0.1
 
     def _dual_fractions(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
