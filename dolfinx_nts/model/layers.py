@@ -11,12 +11,13 @@ from dolfinx_nts.fem.few_nodes import sums_at
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.materials.strain_energy import STRETCHES
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.moduli import wave_modulus
+from dolfinx_nts.model.moduli import least_modulus, wave_modulus
 from dolfinx_nts.model.surfaces import Surface, facet_shares
 from dolfinx_nts.model.thickness import wall_thickness
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged, rows_by_rank
 
-__all__ = ["layers", "nodal_densities", "nodal_moduli", "walls"]
+__all__ = ["layers", "nodal_densities", "nodal_moduli", "nodal_shear_ratios", "walls"]
 
 
 def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
@@ -41,6 +42,23 @@ def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
     owned = moduli[:n]
     owned[owned <= 0] = np.inf
     return owned
+
+
+def nodal_shear_ratios(bodies: Sequence[Body], n: int) -> Floats:
+    """Ratios of shear to P-wave modulus at C = 1 of n owned nodes, shape ``(n,)`` [-]. Collective.
+
+    They are infinite in rigid bodies, and for materials without stiffness. Nodes of several bodies
+    have the smallest one.
+    """
+    ratios: Floats = np.full(n, np.inf)
+    for body in bodies:
+        if body.is_rigid:
+            continue
+        of_cells = float(wave_modulus(body).max(initial=0.0))
+        if (largest := reductions.largest(body.V.mesh.comm, of_cells)) > 0:
+            nodes = body.nodes[body.nodes < n]
+            ratios[nodes] = np.fmin(ratios[nodes], least_modulus(body) / 2 / largest)
+    return ratios
 
 
 def nodal_densities(bodies: Sequence[Body], n: int) -> Floats:

@@ -166,8 +166,8 @@ class Coulomb(FrictionLaw):
             the nodes at the beginning of each step.
         eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is
             recoverable. None: no spring, so that a sticking node does not slip at all
-            (multipliers). With normal contact by springs, None means a tangential spring that is as
-            stiff as the default normal spring under load.
+            (multipliers). With normal contact by springs, None means a tangential spring that is
+            stiffer than the cells in shear by as much as loaded normal springs in compression.
         law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
             positions, so that dissipation is exact (``cpp/nts/contact/slip.h``). ``"convective"``:
             by the increment of the convective coordinates on the segment (Franke, Hesch, Betsch

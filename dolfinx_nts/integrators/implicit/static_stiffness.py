@@ -13,7 +13,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.rigid import spring_stiffness
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.layers import nodal_densities, nodal_moduli
+from dolfinx_nts.model.layers import nodal_densities, nodal_moduli, nodal_shear_ratios
 from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["choose_default_stiffness", "long_step", "static_stiffness"]
@@ -55,11 +55,11 @@ def choose_default_stiffness(
         return spring_stiffness(static, bodies, mass, rates, free)
 
     @cache
-    def cells() -> tuple[Floats, Floats]:
-        moduli = nodal_moduli(bodies, len(mass))
+    def cells() -> tuple[Floats, Floats, Floats]:
+        moduli, n = nodal_moduli(bodies, len(mass)), len(mass)
         if free is not None:
             moduli[~free.any(axis=1)] = np.inf
-        return moduli, nodal_densities(bodies, len(mass))
+        return moduli, nodal_densities(bodies, n), nodal_shear_ratios(bodies, n)
 
     for contact in contacts:
         if rates.acceleration is None or contact.pair.method == EDGES:
