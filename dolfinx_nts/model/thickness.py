@@ -77,7 +77,8 @@ def wall_thickness(surface: Surface, farthest: float) -> Floats:
         begin[:, 2] += farthest
     if id(V) not in _KNOWN:
         weakref.finalize(V, _KNOWN.pop, id(V))
-    if id(V) not in _KNOWN or _KNOWN[id(V)][0] is not X:
+    # The nodes of some ranks only may have moved.
+    if id(V) not in _KNOWN or reductions.anywhere(comm, _KNOWN[id(V)][0] is not X):
         _KNOWN[id(V)] = X, _boundary(triangles_at(comm, X, boundary_of_mesh(V)))
     rays = joined(comm, begin), joined(comm, inward)
     of_all = _exits(comm, _KNOWN[id(V)][1], *rays, farthest)

@@ -95,8 +95,9 @@ class NodalFacets:
     @classmethod
     def of(cls, surface: Surface) -> "NodalFacets":
         """Cached facets of a surface, renewed after its mesh has moved. Collective."""
-        X = reference_positions(surface.V)
-        if surface not in _KNOWN or _KNOWN[surface][0] is not X:
+        X, comm = reference_positions(surface.V), surface.V.mesh.comm
+        # The nodes of some ranks only may have moved.
+        if surface not in _KNOWN or reductions.anywhere(comm, _KNOWN[surface][0] is not X):
             _KNOWN[surface] = X, cls(surface)
         return _KNOWN[surface][1]
 

@@ -7,6 +7,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.model.thickness import wall_thickness
+from dolfinx_nts.search.nodal_facets import NodalFacets
 
 RUBBER = nts.NeoHookean(1e5, 0.3, 1e3)
 SIZE = (0.8, 0.6, 0.1)
@@ -68,3 +69,19 @@ def test_wedge_is_thinner_towards_its_tip(comm):
     np.testing.assert_allclose(
         wall_thickness(bottom, 2.0), slope * middles(bottom)[:, 0], rtol=1e-4
     )
+
+
+def test_cached_geometry_is_renewed_on_all_ranks_after_one_has_moved_its_nodes(comm, agree):
+    def fill(model):
+        parts.add_box(model, "sheet", corner=(0, 0, 0), size=SIZE, cells=(4, 3, 2))
+
+    mesh, cells, _, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    sheet = nts.boundary_of(nts.Body(V, cells, tag["sheet"], RUBBER))
+    before = wall_thickness(sheet, 10.0), NodalFacets.of(sheet)
+    assert NodalFacets.of(sheet) is before[1]
+    if comm.rank == comm.size - 1:
+        mesh.geometry.x[:] += 1e-9
+    after = wall_thickness(sheet, 10.0), NodalFacets.of(sheet)
+    assert agree(np.allclose(before[0], after[0], rtol=1e-5))
+    assert agree(after[1] is not before[1])
