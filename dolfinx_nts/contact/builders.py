@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arguments import instances, label
-from dolfinx_nts.common.arrays import Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction.laws import FrictionLaw
 from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, Method
@@ -153,43 +153,8 @@ def all_pairs(
         raise ValueError("expected edges=True for bodies in space only, given a mesh of the plane")
     log_shared_nodes(bodies)
     surface = cache(boundary_of)
-    moduli, separate = least_moduli(bodies), connected(bodies)
-    comm = bodies[0].V.mesh.comm
-    softest = reductions.least(comm, float(moduli.min(initial=np.inf)))
-
-    surfaces = [surface(*group) for group in separate]
-
-    def facing(group: Sequence[Body]) -> list[Surface]:
-        own = surface(*group)
-        return [own, *(each for each in surfaces if each is not own)]
-
-    def size_and_weight(group: Sequence[Body]) -> tuple[float, float]:
-        lengths, faces = facing_segments(*facing(group))
-        # Of connected bodies, only those whose facets face other bodies determine the size.
-        of_facets = joined(comm, moduli[surface(*group).segments].max(axis=1))
-        modulus = float(np.median(of_facets[faces]))
-        if modulus == np.inf:
-            return math.inf, math.inf
-        weight = min((modulus / softest) ** _BY_STIFFNESS, _SIMILAR) if softest > 0 else 1.0
-        return float(np.quantile(lengths[faces], FINE)), weight
-
-    sizes = {id(group): size_and_weight(group) for group in separate}
-    soft = [size for size, weight in sizes.values() if weight < _SIMILAR]
-    coarsest, round_rigid = max(soft, default=0.0), set[int]()
-    coarse = dict[int, float]()
-    for group in separate:
-        size, weight = sizes[id(group)]
-        arc = arc_length(*facing(group)) if weight >= _SIMILAR else math.inf
-        if arc < coarsest and (weight < math.inf or method != MORTAR):
-            # Soft facets do not resolve the stiff round body, and would only see a mean gap.
-            size = min(size, arc)
-            if weight == math.inf:
-                round_rigid.add(id(group))
-        elif weight < math.inf:
-            # Nodes of a stiff round body would have alternating pressures.
-            size = weight * (max(size, coarsest) if arc < math.inf else size)
-        # Rounded, so that equal bodies keep their order in the list.
-        coarse[id(group)] = float(f"{size:.6g}")
+    separate = connected(bodies)
+    coarse, round_rigid = _coarseness(separate, least_moduli(bodies), surface, method)
     groups = sorted(separate, key=lambda group: coarse[id(group)])
     pairs: list[ContactPair] = []
 
@@ -244,6 +209,60 @@ def all_pairs(
         if not set(group).isdisjoint(self_contact):
             add(group, group)
     return pairs
+
+
+def _coarseness(
+    groups: Sequence[Sequence[Body]],
+    moduli: Floats,
+    surface: Callable[..., Surface],
+    method: Method | None,
+) -> tuple[dict[int, float], set[int]]:
+    """Sizes of the facets of groups of bodies, larger for those that are to give segments.
+
+    Collective.
+
+    Args:
+        groups: Bodies that are connected.
+        moduli: Least modulus at each local node, infinite in rigid bodies, shape ``(l,)`` [Pa].
+        surface: Returns the boundary of bodies.
+        method: Method of contact, see `all_pairs`.
+
+    Returns:
+        Size by the `id` of a group [m], and the groups whose nodes have node-to-segment contact.
+    """
+    comm = groups[0][0].V.mesh.comm
+    softest = reductions.least(comm, float(moduli.min(initial=np.inf)))
+    surfaces = [surface(*group) for group in groups]
+
+    def facing(own: Surface) -> list[Surface]:
+        return [own, *(each for each in surfaces if each is not own)]
+
+    def size_and_weight(own: Surface) -> tuple[float, float]:
+        lengths, faces = facing_segments(*facing(own))
+        # Of connected bodies, only those whose facets face other bodies determine the size.
+        of_facets = joined(comm, moduli[own.segments].max(axis=1))
+        modulus = float(np.median(of_facets[faces]))
+        if modulus == np.inf:
+            return math.inf, math.inf
+        weight = min((modulus / softest) ** _BY_STIFFNESS, _SIMILAR) if softest > 0 else 1.0
+        return float(np.quantile(lengths[faces], FINE)), weight
+
+    found = [size_and_weight(own) for own in surfaces]
+    coarse, round_rigid = dict[int, float](), set[int]()
+    for group, own, (size, weight) in zip(groups, surfaces, found, strict=True):
+        arc = arc_length(*facing(own)) if weight >= _SIMILAR else math.inf
+        softer = max((other for other, less in found if less < weight), default=0.0)
+        if arc < softer and (weight < math.inf or method != MORTAR):
+            # Facets of softer bodies do not resolve the round body: they would only see a mean gap.
+            size = min(size, arc)
+            if weight == math.inf:
+                round_rigid.add(id(group))
+        elif weight < math.inf:
+            # Nodes of a stiff round body would have alternating pressures.
+            size = weight * (max(size, softer) if arc < math.inf else size)
+        # Rounded, so that equal bodies keep their order in the list.
+        coarse[id(group)] = float(f"{size:.6g}")
+    return coarse, round_rigid
 
 
 def two_half_passes(

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.at_most_two_ranks
 SPAN, HEIGHT, RADIUS, DEFLECTION, E = 2.0, 0.05, 0.1, 0.02, 1e4
 
 
-def bending(comm, cells, facets, degree=2, modulus=np.inf):
+def bending(comm, cells, facets, degree=2, modulus=np.inf, has_pad=False):
     """Forces on three rollers that bend a beam, relative to beam theory."""
     centres = (
         (-SPAN / 2, -HEIGHT / 2 - RADIUS),
@@ -26,6 +26,8 @@ def bending(comm, cells, facets, degree=2, modulus=np.inf):
         corner = (-length / 2, -HEIGHT / 2)
         add = parts.add_rectangle
         add(model, "beam", corner=corner, size=(length, HEIGHT), cells=(cells, 4 // degree**2))
+        if has_pad:
+            add(model, "pad", corner=(-0.5, -5.0), size=(1.0, 1.0), cells=(50, 50))
         occ = model.occ
         for number, centre in enumerate(centres):
             inner, outer = ([(2, occ.addDisk(*centre, 0, r, r))] for r in (0.04, RADIUS))
@@ -61,6 +63,12 @@ def bending(comm, cells, facets, degree=2, modulus=np.inf):
     dofs = fem.locate_dofs_geometrical((V.sub(0), along), middle)
     bcs = [fem.dirichletbc(fem.Function(along), dofs, V.sub(0)), *bcs]
     bodies = [beam, *rollers]
+    if has_pad:
+        bodies.append(
+            nts.Body(V, cell_tags, tag["pad"], nts.SaintVenantKirchhoff(E / 1e3, 0.0, 1.0))
+        )
+        held = fem.locate_dofs_geometrical(V, lambda x: x[1] < -3.9)
+        bcs.append(fem.dirichletbc(np.zeros(2), held, V))
     pairs = nts.all_pairs(bodies)
 
     def update(t):
@@ -88,6 +96,12 @@ def test_bar_is_bent_over_stiff_rollers(comm, cells, facets):
     """With nodes of the bar, which see mean gaps, the forces on 16 facets were 0.66 of theory."""
     forces, _, _ = bending(comm, cells, facets, modulus=100 * E)
     assert sorted(forces) == pytest.approx([-1.0, 0.5, 0.5], rel=0.01)
+
+
+def test_soft_body_elsewhere_does_not_change_the_roles(comm):
+    forces, pairs, _ = bending(comm, 26, 32, has_pad=True)
+    assert sorted(forces) == pytest.approx([-1.0, 0.5, 0.5], rel=0.01)
+    assert "node-to-segment" in {pair.method for pair in pairs}
 
 
 def test_rollers_give_the_segments_if_the_facets_of_the_bar_resolve_them(comm):
