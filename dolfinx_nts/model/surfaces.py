@@ -5,6 +5,7 @@ target). A surface has both, and a contact pair decides which it uses. A facet o
 segment, a facet of degree 2 is divided into four. Positions are x = X + u; the mesh never moves.
 """
 
+import math
 from collections.abc import Callable
 from copy import copy
 from functools import cached_property
@@ -353,7 +354,7 @@ class Surface(Declaration):
         """
         if self._degree == 1:
             return values
-        columns = values.reshape(len(values), -1)
+        columns = values.reshape(len(values), math.prod(values.shape[1:]))
         node, end = self._middles.T
         vector = la.vector(self.V.dofmap.index_map, columns.shape[1])
         spread: Floats = vector.array.reshape(-1, columns.shape[1])
