@@ -101,13 +101,13 @@ def _inside(
     ``on_chords`` is whether all of them are midpoints of straight edges.
     """
     deepest, found = depth.argmax(), np.unique(ids)
-    remedy = (
-        "they are midpoints of straight edges, which are chords of a round surface: "
-        "gmsh.model.mesh.setOrder(2), called after the mesh is made, puts them on the arc; "
-        "otherwise move"
-        * on_chords
-        or "move"
-    )
+    remedy = "move"
+    if on_chords:
+        remedy = (
+            "they are midpoints of straight edges, which are chords of a round surface: "
+            "gmsh.model.mesh.setOrder(2), called after the mesh is made, puts them on the arc; "
+            "otherwise move"
+        )
     place = ", ".join(f"{coordinate:.3g}" for coordinate in x[deepest] + 0.0)
     return ValueError(
         f"expected bodies outside of obstacles, given {len(found)} nodes of {pair.nodes.name} "

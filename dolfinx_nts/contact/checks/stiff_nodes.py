@@ -50,8 +50,9 @@ def warn_of_stiff_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) ->
             continue
         _logger.warning(
             "nodes of contact between %s are on the stiffer body, and its facets are no longer "
-            "than those of the softer one: forces are right, but pressures may alternate from node "
-            "to node; let the softer body provide the nodes, with facets of at most %.3g m",
+            "than those of the softer one: pressures may alternate from node to node, and friction "
+            "may be some percent too small; let the softer body provide the nodes, with facets of "
+            "at most %.3g m",
             pair.between,
             sizes[0],
         )

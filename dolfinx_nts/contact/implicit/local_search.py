@@ -328,10 +328,11 @@ class LocalSearch:
         self._count(node, moved)
         return int(np.count_nonzero(moved)), False
 
-    def unheld(self, x: Floats, node: Ints, active: Flags) -> tuple[Ints, Ints, Floats] | None:
+    def unheld(self, x: Floats, node: Ints, active: Flags) -> tuple[Ints, Ints, Floats]:
         """Nodes inside the other surface, deeper than at t_n, that contact has lost. Local.
 
-        They are found independently of the contact points; None where the points are the nodes.
+        They are found independently of the contact points; none where the points are the nodes,
+        whose segments are checked instead.
 
         Args:
             x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
@@ -341,7 +342,8 @@ class LocalSearch:
         Returns:
             The nodes, their segments, and the gaps to these [m], see `penetrated_nodes`.
         """
-        return None
+        none = node[:0]
+        return none, none, np.empty(0)
 
     def _left_inside(self, x: Floats, node: Ints) -> Ints:
         """Select nodes with a fixed segment that penetrate another one. Local.

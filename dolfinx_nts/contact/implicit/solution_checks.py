@@ -234,11 +234,8 @@ def check_penetration(step: ContactStep, dt: float) -> str:
         return f"nodes that sank into a surface between two segments: {between}"
     if beyond:
         return f"contact points that slid off their segments within the step: {beyond}"
-    unheld = None
     if not step.search.pairing.follows:
-        unheld = step.search.unheld(step.x, step.normal.nodes, step.normal.active)
-    if unheld is not None:
-        node, _, gap = unheld
+        node, _, gap = step.search.unheld(step.x, step.normal.nodes, step.normal.active)
         there = step.x[step.state.nodes.nodes[node]]
         if message := _wrong_nodes(step, _INSIDE, node, -gap, there):
             return message

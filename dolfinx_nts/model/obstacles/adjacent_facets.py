@@ -71,11 +71,11 @@ class AdjacentFacets:
         which = index.astype(np.int32)
         own, other = self._turning_away(used, x)
         (near,) = np.isin(which, own).nonzero()
-        near = near[self._gaps(points[near], x, facet[near]) < 0]
+        gap = self._gaps(points[near], x, facet[near])
+        near, gap = near[gap < 0], gap[gap < 0]
         place, beyond = _entries(own, which[near])
         row = near[place]
-        gap, of_other = (self._gaps(points[row], x, each) for each in (facet[row], other[beyond]))
-        flags[row[of_other > gap]] = True
+        flags[row[self._gaps(points[row], x, other[beyond]) > gap[place]]] = True
         return flags
 
     def _gaps(self, points: Floats, x: Floats, facet: Ints) -> Floats:
@@ -125,12 +125,9 @@ class AdjacentFacets:
         """Neighbours of facets: ascending index of the facet and neighbour, both ``(e,)``."""
         vertices, width = self._facets[facet], len(self._facets)
         order, begin = self._corners
-        first = begin[vertices].ravel()
-        counts = begin[vertices + 1].ravel() - first
-        places = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-        other = order[places] // vertices.shape[1]
-        row = np.repeat(np.arange(len(facet)), counts.reshape(vertices.shape).sum(axis=1))
-        row, other = np.divmod(np.unique(row * width + other), width)
+        corner, places = _expanded(begin[vertices].ravel(), begin[vertices + 1].ravel())
+        other, row = order[places] // vertices.shape[1], corner // vertices.shape[1]
+        row, other = np.divmod(np.unique(row.astype(np.int64) * width + other), width)
         if self._first is not None:
             group, of_other = (
                 np.searchsorted(self._first, each, side="right") for each in (facet, other)
@@ -144,10 +141,15 @@ def _entries(ascending: Ints, values: Ints) -> tuple[Ints, Ints]:
     """Places of equal numbers: index of the value, ascending, and place, both ``(e,)``."""
     first = np.searchsorted(ascending, values, side="left")
     last = np.searchsorted(ascending, values, side="right")
+    return _expanded(first, last)
+
+
+def _expanded(first: Array, last: Array) -> tuple[Ints, Ints]:
+    """Numbers of the ranges from ``first`` to before ``last``: index of the range, and number."""
     counts = last - first
-    row = np.repeat(np.arange(len(values), dtype=np.int32), counts)
+    row = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
     place = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(len(row))
-    return row, place
+    return row, place.astype(np.int32)
 
 
 def _outside(xi: Floats, num_vertices: int) -> Floats:

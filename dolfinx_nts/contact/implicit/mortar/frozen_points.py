@@ -186,8 +186,7 @@ class TiedPoints(FrozenPoints):
 
     def unheld(self, x: Floats, node: Ints, active: Flags) -> tuple[Ints, Ints, Floats]:
         # Ties do not keep bodies apart.
-        none = self._every[:0]
-        return none, none, np.empty(0)
+        return LocalSearch.unheld(self, x, node, active)
 
     def _choose(self, x: Floats) -> None:
         # Points of ties are chosen at the reference positions.
