@@ -11,6 +11,11 @@ __all__ = ["STIFFER", "spring_energy", "spring_force", "spring_slopes"]
 # on a block of 6 cells is 7.2, 2.5, 1.9 and 1.5 % too small, and that of two balls of revolution
 # 11.0, 2.6, 0.7 and 0.1 %, after 3.4, 3.8, 4.0 and 4.3 Newton iterations a step.
 STIFFER = 10.0
+# Further springs of a node, in parallel with the first one: stiffness relative to it, and
+# compression at which they begin, relative to ``soft_depth`` [-]. Without the last one, the force
+# on a block of four cells that is pressed in 63 transit times of waves is 6.7 % too small, with it
+# 3.7 %; forces of impacts and the numbers of iterations above stay the same.
+_FURTHER = ((STIFFER - 1, 1.0), (STIFFER * (STIFFER - 1), 1.5))
 
 
 def spring_energy(gap: Floats, eps_N: Floats, soft_depth: Floats | float = np.inf) -> Floats:
@@ -21,8 +26,10 @@ def spring_energy(gap: Floats, eps_N: Floats, soft_depth: Floats | float = np.in
         eps_N: Stiffness, shape ``(m,)`` [N/m].
         soft_depth: Compression beyond which springs are stiffer, shape ``(m,)`` [m].
     """
-    beyond = np.minimum(gap + soft_depth, 0.0)
-    energy: Floats = 0.5 * eps_N * (np.minimum(gap, 0.0) ** 2 + (STIFFER - 1) * beyond**2)
+    squares = np.minimum(gap, 0.0) ** 2
+    for stiffness, depth in _FURTHER:
+        squares = squares + stiffness * np.minimum(gap + depth * soft_depth, 0.0) ** 2
+    energy: Floats = 0.5 * eps_N * squares
     return energy
 
 
@@ -52,10 +59,10 @@ def spring_force(
     lambda_N, slope = _quotient(gap_n, gap, eps_N, end_weight)
     ends = np.isfinite(soft_depth)
     if np.any(ends):
-        # A second spring in parallel begins at that compression.
-        start, stiffness = np.where(ends, soft_depth, 0.0), (STIFFER - 1) * eps_N * ends
-        more = _quotient(gap_n + start, gap + start, stiffness, end_weight)
-        lambda_N, slope = lambda_N + more[0], slope + more[1]
+        for ratio, depth in _FURTHER:
+            start, stiffness = np.where(ends, depth * soft_depth, 0.0), ratio * eps_N * ends
+            more = _quotient(gap_n + start, gap + start, stiffness, end_weight)
+            lambda_N, slope = lambda_N + more[0], slope + more[1]
     if end_weight == 0.5:
         return lambda_N, slope
     # No tension, as for nodes that separate fast.
@@ -78,10 +85,12 @@ def spring_slopes(
         Derivatives [N/m], shape ``(3, m)``.
     """
     ends = np.isfinite(soft_depth)
-    start, stiffness = np.where(ends, soft_depth, 0.0), (STIFFER - 1) * eps_N * ends
-    soft = _two_slopes(gap_n, gap, eps_N, end_weight)
-    stiff = _two_slopes(gap_n + start, gap + start, stiffness, end_weight)
-    slopes: Floats = np.array([*(soft + stiff), stiff.sum(axis=0)])
+    of_gaps, of_depth = _two_slopes(gap_n, gap, eps_N, end_weight), np.zeros(np.shape(gap))
+    for ratio, depth in _FURTHER:
+        start, stiffness = np.where(ends, depth * soft_depth, 0.0), ratio * eps_N * ends
+        further = _two_slopes(gap_n + start, gap + start, stiffness, end_weight)
+        of_gaps, of_depth = of_gaps + further, of_depth + depth * further.sum(axis=0)
+    slopes: Floats = np.array([*of_gaps, of_depth])
     if end_weight != 0.5:
         slopes *= spring_force(gap_n, gap, eps_N, end_weight, soft_depth)[0] < 0
     return slopes

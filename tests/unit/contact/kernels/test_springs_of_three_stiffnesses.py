@@ -1,4 +1,4 @@
-"""Default springs, which are stiffer beyond the pressure of plane waves."""
+"""Default springs, whose stiffness grows beyond the pressure of plane waves."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from dolfinx_nts.contact.springs import STIFFER, spring_energy, spring_force
+from dolfinx_nts.contact.springs import spring_energy, spring_force
 
 EPS, DEPTH = 30.0, 0.2  # N/m, m
 
@@ -26,6 +26,7 @@ def test_slope_is_the_derivative_of_the_force(share):
     rng = np.random.default_rng(2)
     gap_n, gap = rng.uniform(-0.5, 0.1, (2, 100))
     away = np.abs(gap + DEPTH) > 1e-3  # from the kinks
+    away &= np.abs(gap + 1.5 * DEPTH) > 1e-3
     gap_n, gap = gap_n[away & (gap < -1e-3)], gap[away & (gap < -1e-3)]
     step = 1e-6
     ends = [spring_force(gap_n, gap + d, EPS, share, DEPTH) for d in (-step, 0.0, step)]
@@ -34,10 +35,11 @@ def test_slope_is_the_derivative_of_the_force(share):
     np.testing.assert_allclose(ends[1][1][pushes], quotient[pushes], rtol=1e-5, atol=1e-5)
 
 
-def test_energy_is_that_of_two_springs_in_parallel():
-    compression = np.array([0.1, 0.3])
-    more = (STIFFER - 1) * np.maximum(compression - DEPTH, 0.0) ** 2
-    expected = EPS / 2 * (compression**2 + more)
+def test_energy_is_that_of_three_springs_in_parallel():
+    compression = np.array([0.1, 0.25, 0.4])
+    # Slopes of the force: 1, 10 and 100 times EPS, from 0, DEPTH and 3/2 DEPTH on.
+    second, third = (np.maximum(compression - f * DEPTH, 0.0) ** 2 for f in (1.0, 1.5))
+    expected = EPS / 2 * (compression**2 + 9 * second + 90 * third)
     np.testing.assert_allclose(spring_energy(-compression, EPS, DEPTH), expected, rtol=1e-14)
 
 
