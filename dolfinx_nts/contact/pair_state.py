@@ -26,7 +26,9 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
+from dolfinx_nts.model.segments import diameters
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.model.thickness import wall_thickness
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, Search
 from dolfinx_nts.search.edges.edge_search import EdgeSearch
@@ -44,6 +46,11 @@ from dolfinx_nts.search.spheres.sphere_search import SphereSearch
 __all__ = ["PairState", "keep_springs", "springs_of"]
 
 _logger = logging.getLogger("dolfinx_nts")
+
+# Size of the facets of nodes relative to the smallest segment [-] above which nodes may be deeper
+# than half of a segment. Smaller: thickness is measured for more pairs. At this ratio, nodes have
+# segments up to a quarter of their own facets.
+_FINE = 2.0
 
 
 class PairState(Tractions, NodesOfPairs):
@@ -82,6 +89,8 @@ class PairState(Tractions, NodesOfPairs):
             self.search.in_dents = isinstance(pair.enforcement, Penalty)
         # A separate search for `gap`, which must not change the candidates of steps.
         self._far_search = _search(pair)
+        self._least_depth = self._choose_least_depth()
+        self.set_initial_depth(0.0)
         self.eps_N: Floats | None = None
         self.layers: Layers | None = None
         self.eps_T: Floats | None = None
@@ -116,15 +125,40 @@ class PairState(Tractions, NodesOfPairs):
         others = pair.touches_itself or pair.method == EDGES or isinstance(pair.enforcement, Tied)
         return isinstance(self.search, GlobalSearch) and not others
 
+    def _choose_least_depth(self) -> float:
+        """Depth up to which all nodes get segments, if segments are small [m]. Collective.
+
+        Springs are compressed by a part of the height of the cells behind the nodes, which may be
+        more than half of a small segment. The depth is at most half of the least thickness behind
+        the segments.
+        """
+        nodes, segments, comm = self.pair.nodes, self.pair.segments, self.pair.nodes.V.mesh.comm
+        depth = _kernels.DEEPEST * nodes.size
+        if isinstance(segments, RigidSurface):
+            if nodes.size > _FINE * float(diameters(segments.corners).min()):
+                segments.deepen(depth)
+            return 0.0
+        if not self.may_penetrate_initially or isinstance(segments, Obstacle):
+            return 0.0
+        x = reference_positions(nodes.V)
+        smallest = float(diameters(x[segments.segments]).min(initial=np.inf))
+        if nodes.size <= _FINE * reductions.least(comm, smallest):
+            return 0.0
+        thickness = float(wall_thickness(segments, 2 * depth).min(initial=np.inf))
+        return float(min(depth, reductions.least(comm, thickness) / 2))
+
     def set_initial_depth(self, depth: float) -> None:
-        """Set the depth up to which initially penetrating nodes get segments [m]. Local."""
+        """Set the depth up to which initially penetrating nodes get segments [m]. Local.
+
+        Nodes with facets larger than segments get these at larger depths in any case.
+        """
         for search in (self.search, self._far_search):
             if self.may_penetrate_initially and isinstance(search, GlobalSearch):
-                search.set_initial_depth(depth)
+                search.set_initial_depth(max(depth, self._least_depth))
 
     def reduce_initial_depth(self) -> None:
         """Reduce the initial depth to the current penetration. Collective."""
-        if not self.search.initial_depth:
+        if self.search.initial_depth <= self._least_depth:
             return
         comm: MPI.Comm = self.pair.nodes.V.mesh.comm
         if not reductions.anywhere(comm, bool(np.any(self.history.key > NEVER))):

@@ -11,6 +11,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["SoftSprings", "deep_from"]
@@ -25,6 +26,8 @@ _DEEP, _HALF = 0.25, 0.5
 def deep_from(pair: ContactPair) -> float:
     """Penetration of the nodes of a pair above which it is reported [m]. Local."""
     limit, segments = _DEEP * pair.segment_size, pair.segments
+    if isinstance(segments, RigidSurface):
+        return min(limit, _HALF * max(segments.shortest_passage, segments.deepest))
     if isinstance(segments, Obstacle):
         return min(limit, _HALF * segments.shortest_passage)
     return limit

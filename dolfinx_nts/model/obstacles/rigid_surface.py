@@ -39,6 +39,7 @@ class RigidSurface(Obstacle):
     Attributes:
         key: Numbers of the facets, shape ``(s,)``.
         corners: Positions of the vertices of each facet, shape ``(s, k, 3)`` [m].
+        deepest: Depth down to which nodes touch facets that are smaller than twice this depth [m].
 
     Raises:
         TypeError: ``facets`` are not integers.
@@ -83,6 +84,7 @@ class RigidSurface(Obstacle):
         self._segments = _kernels.Segments(self._facets, self._orientation, self.key)
         self._adjacent = AdjacentFacets(self._facets, self._orientation)
         self.shortest_passage = self._shortest_passage()
+        self.deepest = 0.0
 
     @property
     def facets(self) -> tuple[Floats, Ints, Floats]:
@@ -115,13 +117,26 @@ class RigidSurface(Obstacle):
 
         It depends on the thickness below the centres of facets.
         """
-        size, centre = diameters(self.corners), self.corners.mean(axis=1)
-        inward = -area_vectors(self.corners, self._orientation)
-        inward *= size[:, None] / np.linalg.norm(inward, axis=1)[:, None]
-        everywhere = Facing.everywhere(len(size))
+        size = diameters(self.corners)
+        return float(passages(size, self._thickness(size)).min(initial=np.inf))
+
+    def _thickness(self, farthest: Floats) -> Floats:
+        """Thickness below the centres of facets, infinite beyond ``farthest``, ``(s,)`` [m]."""
+        centre, inward = self.corners.mean(axis=1), -area_vectors(self.corners, self._orientation)
+        inward *= farthest[:, None] / np.linalg.norm(inward, axis=1)[:, None]
+        everywhere = Facing.everywhere(len(centre))
         paths = self.follow(centre, centre + inward, self.key.astype(np.int32), everywhere)
-        through = passages(size, np.where(paths.leaves, paths.length, np.inf))
-        return float(through.min(initial=np.inf))
+        return np.where(paths.leaves, paths.length, np.inf)
+
+    def deepen(self, depth: float) -> None:
+        """Let nodes touch facets down to a depth [m], at most half of the least thickness.
+
+        Without it, they touch a facet down to half of its diameter. Contact pairs call it with a
+        depth by the size of the facets of their nodes, which may be larger.
+        """
+        half = float(self._thickness(np.full(len(self.corners), 2 * depth)).min()) / 2
+        vars(self)["deepest"] = max(self.deepest, min(depth, half))  # the surface is unchanged
+        self._segments.sink(np.array([self.deepest]))
 
     def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Positions of nodes and facet vertices, (m, 1 + k, 3), and orientations."""
@@ -158,9 +173,9 @@ class RigidSurface(Obstacle):
         return Trajectories(*self._segments.follow(*ends, *facing.arguments))
 
     def depth(self, x: Floats) -> Floats:
-        # Nodes touch only down to a depth of half a facet.
+        # Nodes touch only down to a depth of half a facet, or as `deepen` says.
         none = np.full(len(x), -1, dtype=np.int32)
-        reach = float(diameters(self.corners).max(initial=0.0))
+        reach = max(float(diameters(self.corners).max(initial=0.0)), self.deepest)
         found, gap = self.find(x, none, _kernels.HYSTERESIS, reach, Facing.everywhere(len(x)))
         return np.where(found >= 0, -gap, 0.0)
 

@@ -93,3 +93,21 @@ def test_quadrilaterals_in_different_orders_or_not_convex_are_refused():
         nts.RigidSurface([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, 0]], [BASIX], (0, 0, 9))
     with pytest.raises(ValueError, match="0 are convex in Basix order and 0 around"):
         nts.RigidSurface(SQUARE, [[0, 2, 1, 3]], (0, 0, 9))
+
+
+@pytest.mark.parametrize(("thickness", "expected"), [(2.0, 0.4), (0.5, 0.25)])
+def test_nodes_touch_small_facets_down_to_a_given_depth_or_half_of_the_wall(thickness, expected):
+    at = np.linspace(0.0, 1.0, 11)
+    grid = np.array([[x, y, 0.0] for y in at for x in at])
+    points = np.concatenate([grid, grid - [0.0, 0.0, thickness]])
+    upper = [[i, i + 1, i + 12, i + 11] for i in range(109) if i % 11 < 10]
+    facets = np.array([*upper, *(np.array(upper) + 121)])
+    outside = np.repeat([[0.5, 0.5, 9.0], [0.5, 0.5, -9.0]], 100, axis=0)
+    surface = nts.RigidSurface(points, facets, outside)
+    below = np.array([[0.45, 0.45, -d] for d in (0.06, 0.2, 0.3)])
+    np.testing.assert_allclose(surface.depth(below), [0.06, 0.0, 0.0], atol=ROUNDING)
+    surface.deepen(0.4)
+    assert surface.deepest == pytest.approx(expected, rel=1e-9)
+    # The last point of a thin wall is nearer to its other side.
+    nearest = [0.06, 0.2, min(0.3, thickness - 0.3)]
+    np.testing.assert_allclose(surface.depth(below), nearest, rtol=1e-12)
