@@ -183,15 +183,15 @@ class Layers:
         if faced is None:
             return np.ones(len(self.area))
         most = self._compression(self.least, in_series)
-        actual = self._compression(self._known(faced), in_series)
+        actual = self._compression(self._values(faced), in_series)
         return np.divide(most, actual, out=np.ones_like(most), where=actual > 0)
 
-    def depth_per_speed(self, faced: Floats | None) -> Floats:
-        """Compression at which springs change to the stiff slope, per impact speed [s]. Local.
+    def soft_pressure(self, faced: Floats | None) -> Floats:
+        """Pressure up to which springs are soft, per impact speed [Pa s/m]. Local.
 
         Where surfaces meet at a relative speed v, plane waves of both sides of the impedances
-        Z = rho c exert the pressure v/(1/Z_1 + 1/Z_2). Up to one and a half times this pressure
-        springs are soft.
+        Z = rho c exert the pressure v/(1/Z_1 + 1/Z_2). Springs are soft up to one and a half times
+        this pressure.
 
         Args:
             faced: As for `stiffness_fraction`.
@@ -199,12 +199,20 @@ class Layers:
         Returns:
             At each node, shape ``(m,)``; infinite where nothing deforms.
         """
-        other = self.least if faced is None else self._known(faced)
-        slowness = self.own[:, 1] + other[:, 1]
-        depth = _BEYOND_WAVES * SOFT * self._compression(other, in_series=False)
-        return np.divide(depth, slowness, out=np.full_like(depth, np.inf), where=self.deforms)
+        slowness = self.own[:, 1] + self._values(faced)[:, 1]
+        pressure: Floats = np.full_like(slowness, np.inf)
+        return np.divide(_BEYOND_WAVES, slowness, out=pressure, where=self.deforms)
 
-    def _known(self, faced: Floats) -> Floats:
+    def depth_per_speed(self, faced: Floats | None) -> Floats:
+        """Compression of springs in implicit steps by `soft_pressure`, ``(m,)`` [s]. Local."""
+        depth: Floats = np.full(len(self.area), np.inf)
+        compression = SOFT * self._compression(self._values(faced), in_series=False)
+        return np.multiply(self.soft_pressure(faced), compression, out=depth, where=self.deforms)
+
+    def _values(self, faced: Floats | None) -> Floats:
+        """Values of the segments faced, the least ones where they are not known, ``(m, 4)``."""
+        if faced is None:
+            return self.least
         return np.where(np.isfinite(faced), np.fmax(faced, self.least), self.least)
 
     def _compression(self, other: Floats, in_series: bool) -> Floats:

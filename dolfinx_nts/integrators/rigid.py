@@ -189,7 +189,8 @@ def rigid_leapfrog(
 
     Returns:
         The motion; and lower bounds on the effective masses of the nodes, for the frequency of
-        springs at them, shape ``(n,)`` [kg]. All nodes of a rigid body have the same bound.
+        springs at them, shape ``(n,)`` [kg]. All nodes of a rigid body have the same bound; it is
+        infinite if the guide of the body leaves no direction free.
 
     Raises:
         ValueError: There are conditions on rigid bodies.
@@ -205,6 +206,9 @@ def rigid_leapfrog(
         parts = [values.T @ (bonded[nodes, None] * values), values.T @ values]
         shared, of_ones = reductions.total(comm, np.array(parts))
         whole.append(own + shared)
+        if not len(of_body.free):
+            resisting[nodes] = np.inf
+            continue
         resisting[nodes] = np.linalg.eigvals(np.linalg.solve(of_ones, whole[-1])).real.min()
     return RigidLeapfrog(V, fields, whole, v), resisting
 

@@ -6,7 +6,7 @@ evaluate gap, force and slip of the pairs.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from mpi4py import MPI
 
@@ -97,7 +97,7 @@ class Candidates(ABC):
         current: Ints,
         reach: float,
         numbers: Ints,
-        stiffness: Floats,
+        stiffness: Callable[[Floats], Floats],
         start: Array | None = None,
         slack: float = HYSTERESIS,
         begin_at: Floats | float = 0.0,
@@ -111,7 +111,8 @@ class Candidates(ABC):
             current: Current candidates or -1, shape ``(c,)``.
             reach: Search radius [m].
             numbers: Numbers of the nodes in the returned springs, shape ``(c,)``.
-            stiffness: Stiffness of each spring, shape ``(c,)`` [N/m].
+            stiffness: Returns the secant stiffness of each spring at given gaps minus those at
+                which springs begin, ``(c,)`` [m], shape ``(c,)`` [N/m].
             start: Offsets of the occurrences of each node, shape ``(m + 1,)``; None if all nodes
                 occur once.
             slack: See `pair`.
@@ -119,7 +120,8 @@ class Candidates(ABC):
 
         Returns:
             Candidate as for `pair`; gap minus that at which the spring begins, averaged over the
-            occurrences of a node, ``(c,)`` [m]; and springs of the nodes where it is negative.
+            occurrences of a node, ``(c,)`` [m]; and springs of the nodes where it is negative, with
+            the energies of linear springs of the secant stiffness.
         """
         segment, gap = self.pair(points, x, current, reach, slack)
         if start is not None:
@@ -128,7 +130,7 @@ class Candidates(ABC):
         inside = np.flatnonzero(gap < 0).astype(np.int32)
         some, facet, depth = points.take(inside), segment[inside], gap[inside]
         gradient = self.contact("static", some, x, x, facet).gradient
-        lambda_N = stiffness[inside] * depth
+        lambda_N = stiffness(gap)[inside] * depth
         shape = len(inside), 1 + self.segments.shape[1], 3
         force = -lambda_N[:, None, None] * gradient.reshape(shape)
         springs = _kernels.Springs(

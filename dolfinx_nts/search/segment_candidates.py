@@ -1,5 +1,6 @@
 """Segments of a deformable surface as candidates."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -103,7 +104,7 @@ class SegmentCandidates(Candidates):
         current: Ints,
         reach: float,
         numbers: Ints,
-        stiffness: Floats,
+        stiffness: Callable[[Floats], Floats],
         start: Array | None = None,
         slack: float = HYSTERESIS,
         begin_at: Floats | float = 0.0,
@@ -112,9 +113,8 @@ class SegmentCandidates(Candidates):
         if start is not None:
             gap = mean_gaps(gap, start)
         gap = gap - begin_at
-        springs = _kernels.penalty_forces(
-            numbers, points.nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
-        )
+        found = segment, xi, gap, normal, self.segments, self.key
+        springs = _kernels.penalty_forces(numbers, points.nodes, *found, stiffness(gap))
         return segment, gap, springs
 
     def _choose(

@@ -6,6 +6,7 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.explicit.compliance import NodalProperties
 from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
 from dolfinx_nts.contact.explicit.vertex_springs import VertexSprings
 from dolfinx_nts.contact.pair_state import PairState
@@ -24,8 +25,7 @@ class AllSprings:
     Args:
         contacts: State of each contact pair.
         vertices: States of vertices on edges and corners of the pairs.
-        mass: See `ContactSprings`.
-        modulus: See `ContactSprings`.
+        at: Properties of the owned nodes.
 
     Attributes:
         pairs: Springs of each pair, and then of the vertices.
@@ -36,13 +36,12 @@ class AllSprings:
         self,
         contacts: Sequence[PairState],
         vertices: Sequence[VertexState],
-        mass: Floats,
-        modulus: Floats,
+        at: NodalProperties,
     ) -> None:
         self._contacts = (*contacts, *vertices)
-        of_pairs = {contact: ContactSprings(contact, mass, modulus) for contact in contacts}
+        of_pairs = {contact: ContactSprings(contact, at) for contact in contacts}
         self.pairs = [*of_pairs.values()]
-        self.pairs += [VertexSprings(v, mass, modulus, of_pairs[v.parent]) for v in vertices]
+        self.pairs += [VertexSprings(v, at, of_pairs[v.parent]) for v in vertices]
         self.has_friction = any(contact.pair.friction is not None for contact in contacts)
         self._forces: tuple[SpringForces, ...] = ()
         self._before: tuple[SpringForces, ...] = ()

@@ -20,7 +20,7 @@ from dolfinx_nts.search.candidates import Candidates, contact_normals
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.shared_segments import SharedSegments
 
-__all__ = ["NeighbourList"]
+__all__ = ["STIFFER", "NeighbourList"]
 
 # Gap, relative to the size of a segment [-], up to which a node is paired with it.
 _REACH = 0.5
@@ -28,6 +28,12 @@ _REACH = 0.5
 # [-]. It must not be less than the reach, or deep nodes would be missing. Larger values give longer
 # lists, smaller ones more searches.
 _MARGIN = 0.5
+# Depth relative to the longest segment [-] up to which nodes without a last gap only touch.
+_TOUCHES = 1e-9
+# Largest stiffness of springs under loads above those of waves, relative to that below [-]. Larger:
+# nodes vibrate, as explicit steps resolve it: with 1, 2, 3, 5 and 10 the peak force of a ball on a
+# block of 6 cells is 12, 7, 5, 0 and -3 % too small, and forces scatter by 0, 0.2, 0.4, 3 and 5 %.
+STIFFER = 3.0
 # Fraction of the margin [-] after which the list is rebuilt. If it is close to 1, the motion of all
 # nodes has to be measured in many steps.
 _USED = 0.75
@@ -55,9 +61,14 @@ class NeighbourList:
         area_fraction: Fraction of the area of each node of the surface on which the segments may
             press, constant while its spring is loaded, shape ``(n,)`` [-]. At edges it is less
             than 1.
+        soft_depth: Compression of each spring of the surface beyond which it is stiffer, constant
+            while it is loaded, shape ``(n,)`` [m].
+        stiffest: Largest stiffness of each spring of the surface beyond this compression, by the
+            length of the steps, shape ``(n,)`` [N/m]; None if springs stay linear.
         number: Indices of listed nodes among the nodes of the surface, ascending, shape ``(c,)``.
         points: Their contact points, with the normals of the last search.
-        stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].
+        stiffness: Stiffness of their springs up to ``soft_depth``, shape ``(c,)`` [N/m].
+        further: Additional stiffness beyond it, shape ``(c,)`` [N/m].
         current: Their current segments or -1, shape ``(c,)``; see `keep`.
         start: Offsets of the rows of each node, shape ``(m + 1,)``; None if each node has one row.
         shared: Segments of the nodes with several segments.
@@ -70,6 +81,7 @@ class NeighbourList:
     number: Ints
     points: NodalPoints
     stiffness: Floats
+    further: Floats
     current: Ints
     start: Array | None
     is_idle = False
@@ -79,6 +91,10 @@ class NeighbourList:
     ) -> None:
         self._state, self._of_cells, self._layers = state, of_cells, layers
         self.area_fraction = self.stiffness_fraction = np.ones(len(state.nodes.nodes))
+        self.soft_depth: Floats = np.full(len(state.nodes.nodes), np.inf)
+        self.stiffest: Floats | None = None
+        # Gaps of all nodes in the last state, NaN without a segment [m].
+        self._gap: Floats = np.full(len(state.nodes.nodes), np.nan)
         # Values of the candidates, see `Layers`.
         self._of_segments: Floats | None = None
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
@@ -120,12 +136,37 @@ class NeighbourList:
         if self._travelled > _USED * margin:
             self._rebuild(x)
 
+    def secant(self, gap: Floats) -> Floats:
+        """Secant stiffness of the springs of all rows at given gaps, ``(c,)`` [N/m]. Local."""
+        if self.stiffest is None:
+            return self.stiffness
+        depth, beyond = self._beyond(gap)
+        part = np.divide(beyond, depth + beyond, out=np.zeros_like(gap), where=beyond > 0)
+        secant: Floats = self.stiffness + self.further * part
+        return secant
+
+    def missing_energy(self, gap: Floats) -> Floats:
+        """Energy of linear springs of the secant stiffness minus that of springs, ``(c,)`` [J]."""
+        if self.stiffest is None:
+            return np.zeros_like(gap)
+        depth, beyond = self._beyond(gap)
+        product = np.multiply(depth, beyond, out=np.zeros_like(gap), where=beyond > 0)
+        missing: Floats = 0.5 * self.further * product
+        return missing
+
+    def _beyond(self, gap: Floats) -> tuple[Floats, Floats]:
+        """Soft depths of all rows, and compression beyond them, ``(c,)`` [m]. Local."""
+        depth = self.soft_depth[self.number]
+        return depth, np.fmax(-gap - depth, 0.0)
+
     def keep(self, segment: Ints, gap: Floats) -> None:
         """Store segments or -1 of all rows, and which have contact, both ``(c,)``. Local."""
         self.current = segment
         self._pressed = np.where(gap < 0, segment, -1)
+        self._gap = np.full(len(self._gap), np.nan)  # histories keep the former array
+        self._gap[self.number] = gap
 
-    def change(self, x: Floats, segment: Ints, gap: Floats) -> bool:
+    def change(self, x: Floats, segment: Ints, gap: Floats, dt: float) -> bool:
         """Update the segments of the listed nodes. Local.
 
         A node that begins to transmit force, or changes its segment, gets the nearest one of the
@@ -135,16 +176,21 @@ class NeighbourList:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
             segment: Segments of the rows or -1, shape ``(c,)``.
             gap: Gaps to these, shape ``(c,)`` [m].
+            dt: Length of the step [s].
 
         Returns:
             Whether rows have changed, so that forces have to be evaluated again.
         """
-        before = self._pressed
+        before, last = self._pressed, self._gap
         self.keep(segment, gap)
+        # The speed of nodes that touch without compression at the start is known after one step.
+        touches = np.isnan(last[self.number]) & (gap > -_TOUCHES * self._state.pair.segment_size)
+        self._pressed[touches] = -1
         if np.array_equal(self._pressed, before):
             return False
         is_new = (self._pressed != before) & (self._pressed >= 0)
-        has_changed = self._begin(before, segment)
+        speed: Floats = (last - self._gap) / dt
+        has_changed = self._begin(before, segment, speed)
         around = self.candidates.adjacent(x) if is_new.any() else None
         first = np.arange(len(segment)) if self.start is None else self.start[:-1]
         if around is None:
@@ -170,48 +216,79 @@ class NeighbourList:
         self._set_rows(of_nodes)
         return True
 
-    def _begin(self, before: Ints, segment: Ints) -> bool:
-        """Set the stiffness of nodes that begin to transmit force, by the segments faced. Local.
+    def _begin(self, before: Ints, segment: Ints, speed: Floats) -> bool:
+        """Set the springs of nodes that begin to transmit force, by the segments faced. Local.
 
-        Arguments as for `change`, with the segments that transmitted force ``before``. Returns
-        whether a stiffness has changed.
+        Arguments as for `change`, with the segments that transmitted force ``before``, and the
+        speeds of approach of all nodes, shape ``(n,)`` [m/s]. Returns whether springs have changed.
         """
-        if self._layers is None or self._of_segments is None:
+        layers = self._layers
+        if layers is None:
             return False
         row = np.flatnonzero((before < 0) & (self._pressed >= 0))
         row = row[~np.isin(self.number[row], self.number[before >= 0])]
         if not len(row):
             return False
-        node, width = np.unique(self.number[row]), self._of_segments.shape[1]
-        faced = np.full((len(self.area_fraction), width), np.inf)
-        np.minimum.at(faced, self.number[row], self._of_segments[segment[row]])
-        of_layers = self._layers.stiffness_fraction(faced, in_series=True)
-        old = self.stiffness_fraction[node]
-        self.stiffness_fraction = self.stiffness_fraction.copy()  # histories keep the former array
-        self.stiffness_fraction[node] = (self.area_fraction * of_layers)[node]
-        return not np.array_equal(old, self.stiffness_fraction[node])
+        node, faced = np.unique(self.number[row]), None
+        # Histories keep the former arrays.
+        fraction, depth = self.stiffness_fraction.copy(), self.soft_depth.copy()
+        if self._of_segments is not None:
+            faced = np.full((len(fraction), self._of_segments.shape[1]), np.inf)
+            np.minimum.at(faced, self.number[row], self._of_segments[segment[row]])
+            of_layers = layers.stiffness_fraction(faced, in_series=True)
+            fraction[node] = (self.area_fraction * of_layers)[node]
+        if self.stiffest is not None:
+            # Springs that are loaded by a displacement set by the user had no impact: NaN.
+            arriving = np.maximum(speed[node], 0.0)
+            force = (layers.soft_pressure(faced) * layers.area * fraction)[node]
+            soft = self._stiffness(node, fraction)
+            depth[node] = np.divide(
+                force * arriving,
+                soft,
+                out=np.full_like(soft, np.inf),
+                where=np.isfinite(force) & np.isfinite(arriving) & (soft > 0),
+            )
+        old = self.stiffness_fraction, self.soft_depth
+        self.stiffness_fraction, self.soft_depth = fraction, depth
+        pairs = zip(old, (fraction, depth), strict=True)
+        return not all(np.array_equal(a[node], b[node]) for a, b in pairs)
 
     def _set_rows(self, segment: Ints) -> None:
         """Set the rows of listed nodes; ``segment``, ``(m,)``, applies to nodes with one row."""
         number, start = self._listed, None
-        eps_N = self._state.eps_N
-        assert eps_N is not None
-        self.stiffness = eps_N[number]
-        if self._of_cells is not None:
-            of_cells = self.stiffness_fraction[number] * self._of_cells[number]
-            self.stiffness = np.minimum(self.stiffness, of_cells)
+        self.stiffness = self._stiffness(number, self.stiffness_fraction)
+        self.further = np.zeros_like(self.stiffness)
+        if self.stiffest is not None:
+            most = self.stiffest[number] - self.stiffness
+            self.further = np.clip(most, 0.0, (STIFFER - 1) * self.stiffness)
         if self.shared.many.any():
             row, segment, start = self.shared.entries(number, segment)
-            self.stiffness = (self.stiffness / np.diff(start))[row]
+            counts = np.diff(start)
+            self.stiffness = (self.stiffness / counts)[row]
+            self.further = (self.further / counts)[row]
             number = number[row]
         self.number, self.current, self.start = number, segment, start
         self.points = self._of_all.take(number)
+
+    def _stiffness(self, node: Ints, fraction: Floats) -> Floats:
+        """Stiffness of the springs of some nodes up to their soft depth, ``(m,)`` [N/m]. Local.
+
+        ``fraction`` is the fraction that acts of the stiffness of cells at all nodes, ``(n,)``.
+        """
+        eps_N = self._state.eps_N
+        assert eps_N is not None
+        if self._of_cells is None:
+            return eps_N[node]
+        return np.minimum(eps_N[node], fraction[node] * self._of_cells[node])
 
     def serialize(self, archive: Archive, name: str, x: Floats) -> None:
         """Serialize the list, by positions as of `update`. Collective."""
         keys = self._serialized_shared(archive, f"{name}/shared")
         ids = self._state.nodes.node_ids
         self.area_fraction = archive.nodal(f"{name}/area_fraction", ids, self.area_fraction)
+        if archive.same(f"{name}/is_stiffer", self.stiffest is not None):
+            stiffest = self.area_fraction if self.stiffest is None else self.stiffest
+            self.stiffest = archive.nodal(f"{name}/stiffest", ids, stiffest)
         arrays: Sequence[Any] | None = None
         if not archive.restores and np.isfinite(self._travelled):
             numbers = np.array([self._travelled, self.is_idle])
@@ -226,7 +303,7 @@ class NeighbourList:
         self._travelled, self.is_idle = float(travelled), bool(is_idle)
         self._positions = nodes, vertices
         candidates = self._state.search.candidates
-        self.stiffness_fraction = self._state.history.part
+        self._take_history()
         if self._layers is not None:
             self._of_segments = self._layers.of_candidates(candidates)
         points = self._state.facets.points(self._state.search.frame.at_end(x))
@@ -263,7 +340,8 @@ class NeighbourList:
         candidates, _ = state.search.update(x, self.reach + margin)
         if np.isinf(self._travelled):
             current = candidates.find(state.history.key)
-            pressed, self.stiffness_fraction = state.history.active, state.history.part
+            pressed = state.history.active
+            self._take_history()
         else:
             current = np.full(len(state.nodes.nodes), -1, dtype=np.int32)
             current[self.number] = self._current_in(candidates)
@@ -286,6 +364,12 @@ class NeighbourList:
         self._choose(candidates, points, near, current, keys)
         self._set_pressing(pressed)
         self.is_idle = not reductions.total(self._comm, len(near))
+
+    def _take_history(self) -> None:
+        """Take the springs and gaps of the accepted state. Local."""
+        history = self._state.history
+        self.stiffness_fraction, self.soft_depth = history.part, history.soft_depth
+        self._gap = history.gap
 
     def _set_pressing(self, pressed: Flags) -> None:
         """Set flags of the nodes that transmitted force in the last state, ``(n,)``."""

@@ -19,9 +19,9 @@ from dolfinx_nts.contact.cell_stiffness import SOFT, Layers
 from dolfinx_nts.contact.checks.passage import Passage, passing_nodes_message, shortest_passage_of
 from dolfinx_nts.contact.checks.soft_springs import deep_from
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.explicit.compliance import compliance
+from dolfinx_nts.contact.explicit.compliance import NodalProperties, compliance
 from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
-from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
+from dolfinx_nts.contact.explicit.neighbour_list import STIFFER, NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
@@ -80,8 +80,7 @@ class ContactSprings:
 
     Args:
         state: State of the contact pair.
-        mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
-        modulus: See `Layers.of`.
+        at: Properties of the owned nodes.
 
     Attributes:
         num_lost: Number of nodes of this rank that were too deep inside to find a segment in the
@@ -96,7 +95,7 @@ class ContactSprings:
 
     _acts_on_areas = True
 
-    def __init__(self, state: PairState, mass: Floats, modulus: Floats) -> None:
+    def __init__(self, state: PairState, at: NodalProperties) -> None:
         pair = state.pair
         if not isinstance(pair.enforcement, Penalty):
             raise ValueError(
@@ -110,13 +109,13 @@ class ContactSprings:
         self._comm: MPI.Comm = pair.nodes.V.mesh.comm
         # If nodes of both sides have springs, each spring acts on half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
-        self._reduced_mass: Floats = 1 / (sides * compliance(pair, mass))
+        self._reduced_mass: Floats = 1 / (sides * compliance(pair, at))
         self._cells = np.full(len(self._reduced_mass), np.inf)
         # Edges touch at points; their springs have no area by which cells could limit their
         # stiffness.
         layers = None
         if given is None and pair.method != EDGES:
-            layers = Layers.of(pair, modulus)
+            layers = Layers.of(pair, at.modulus, at.density)
             self._cells[:] = layers.stiffness(in_series=True) / sides
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
         of_areas = self._acts_on_areas and pair.method != EDGES
@@ -188,6 +187,8 @@ class ContactSprings:
         """Highest squared angular frequency of the springs chosen so far [1/s^2]. Collective."""
         state, friction = self._state, self._state.pair.friction
         normal = self._penalty if state.eps_N is None else state.eps_N
+        if (stiffest := self._neighbours.stiffest) is not None and normal is not None:
+            normal = np.fmax(normal, np.fmin(stiffest, STIFFER * normal))
         given = None if friction is None else friction.eps_T
         tangential = given if state.eps_T is None else state.eps_T
         highest = 0.0
@@ -201,10 +202,13 @@ class ContactSprings:
 
         ``squared_frequency`` is the largest squared angular frequency of normal springs with the
         reduced mass of a node and a vertex of a segment [1/s^2]. Springs are as stiff as cells, or
-        as this frequency allows.
+        as this frequency allows; under loads above those of waves they are stiffer than cells if
+        it allows that.
         """
-        penalty: Floats = squared_frequency * self._reduced_mass
-        penalty = np.minimum(penalty, self._cells / SOFT)
+        stiffest: Floats = squared_frequency * self._reduced_mass
+        penalty = np.minimum(stiffest, self._cells / SOFT)
+        if self.lacks_penalty and self._acts_on_areas and self._state.pair.method != EDGES:
+            self._neighbours.stiffest = stiffest
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
         penalty /= self._share  # `PairState.choose_penalty` multiplies by the share
@@ -278,14 +282,14 @@ class ContactSprings:
         begin_at = self._begin_at(x)
         segment, gap, springs = self._springs(x, begin_at)
         self.num_lost = self._count_lost(x, seen.current, segment)
-        if seen.change(x, segment, gap):
+        if seen.change(x, segment, gap, dt):
             # Nodes away from free edges keep all new segments.
             segment, gap, springs = self._springs(x, begin_at, np.inf)
             seen.keep(segment, gap)
-        number, stiffness, shared = seen.number, seen.stiffness, nothing.shared
+        number, stiffness, shared = seen.number, seen.secant(gap), nothing.shared
         if seen.start is not None:
             shared = seen.shared.sums(candidates.key)
-        fraction = seen.stiffness_fraction
+        fraction, soft_depth = seen.stiffness_fraction, seen.soft_depth
         self.num_deep = int(np.count_nonzero(gap < -self._deep))
         self._pressed = number[gap < 0], gap[gap < 0]
         lambda_N = stiffness * gap
@@ -308,6 +312,7 @@ class ContactSprings:
                 "gap": gaps if begin_at is None else gaps + begin_at,
                 "offset": nothing.offset if begin_at is None else np.where(active, begin_at, 0.0),
                 "part": fraction,
+                "soft_depth": soft_depth,
                 "normal": normal,
                 "energy": energy,
             }
@@ -324,11 +329,14 @@ class ContactSprings:
         ``begin_at`` are gaps at which springs begin, see `_begin_at`.
         """
         seen = self._neighbours
-        of_rows = seen.number, seen.stiffness, seen.start
+        of_rows = seen.number, seen.secant, seen.start
         begin = 0.0 if begin_at is None else begin_at[seen.number]
-        return seen.candidates.penalty_forces(
+        segment, gap, springs = seen.candidates.penalty_forces(
             seen.points, x, seen.current, seen.reach, *of_rows, slack, begin
         )
+        energy = springs.energy
+        energy -= seen.missing_energy(gap)[gap < 0]
+        return segment, gap, springs
 
     def _begin_at(self, x: Floats) -> Floats | None:
         """Gaps at which springs begin, shape ``(n,)`` [m]; None if they begin at 0. Local.

@@ -4,6 +4,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.explicit.compliance import NodalProperties
 from dolfinx_nts.contact.explicit.penalty import ContactSprings
 from dolfinx_nts.contact.vertices import VertexState
 
@@ -18,17 +19,14 @@ class VertexSprings(ContactSprings):
 
     Args:
         state: State of the vertices.
-        mass: See `ContactSprings`.
-        modulus: See `ContactSprings`.
+        at: Properties of the owned nodes.
         parent: Springs of the parent pair, which are evaluated first.
     """
 
     _acts_on_areas = False
 
-    def __init__(
-        self, state: VertexState, mass: Floats, modulus: Floats, parent: ContactSprings
-    ) -> None:
-        super().__init__(state, mass, modulus)
+    def __init__(self, state: VertexState, at: NodalProperties, parent: ContactSprings) -> None:
+        super().__init__(state, at)
         self._vertices, self._parent = state, parent
 
     def _begin_at(self, x: Floats) -> Floats:

@@ -26,6 +26,7 @@ from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.explicit.all_springs import AllSprings
+from dolfinx_nts.contact.explicit.compliance import NodalProperties
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.method import EDGES, NODES, has_patches
 from dolfinx_nts.contact.pair import ContactPair
@@ -43,7 +44,7 @@ from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.layers import nodal_moduli
+from dolfinx_nts.model.layers import nodal_densities, nodal_moduli
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
@@ -142,6 +143,8 @@ class CentralDifference(Stepper):
     )
     # A copy of the state would take half the time of a step.
     _halves_equal_steps = False
+    # Whether the compliance of springs was reported.
+    _has_reported_springs = False
     stable_step: float = math.inf
 
     @geometry_unchanged()
@@ -178,8 +181,11 @@ class CentralDifference(Stepper):
         mobility: Floats = np.where(self._drift.is_prescribed, 0.0, 1 / self.mass[:, None])
         mobility[self._rigid.nodes] = 0.0
         vertices = add_vertices(self.contacts, (), is_static=False)
-        modulus = nodal_moduli(bodies, len(self.mass))
-        self._springs = AllSprings(self.contacts, vertices, resisting, modulus)
+        n, is_rigid = len(self.mass), np.zeros(len(self.mass), dtype=bool)
+        is_rigid[self._rigid.nodes] = True
+        cells = nodal_moduli(bodies, n), nodal_densities(bodies, n)
+        at = NodalProperties(resisting, is_rigid, *cells)
+        self._springs = AllSprings(self.contacts, vertices, at)
         mass = float(reductions.total(self._comm, self.mass.sum()))
         self._stability = Stability(bodies, self._springs.pairs, mass)
         self.stable_step, default = self._stability.longest_steps(self.x)
@@ -316,15 +322,16 @@ class CentralDifference(Stepper):
         watch = self.watch.springs
         contact = self._springs.counted(self._positions[: len(du)], du, watch.watches)
         defect = dt**2 / 8 * power
-        sums = reductions.total(self._comm, [*contact, defect, bulk.strain_energy, *works])
+        energies = self._springs.stored, defect, bulk.strain_energy
+        sums = reductions.total(self._comm, [*contact, *energies, *works])
         num_lost, num_deep, num_segments, num_active, *by_cause = sums[: len(contact)]
-        defect, forces.strain_energy, internal, damping, *loads = sums[len(contact) :]
+        stored, defect, forces.strain_energy, internal, damping, *loads = sums[len(contact) :]
         load, support = sum(loads), sum(reaction.work for reaction in reactions)
         if num_lost:
             self._refuse(self._springs.lost())
         contact_work = ContactWork(*by_cause)
         driven = load, support, contact_work.obstacles
-        self._stability.count(driven, damping, contact_work)
+        self._stability.count(driven, damping, contact_work, stored, forces.strain_energy)
         if (self.step + 1) % _CHECK_INTERVAL == 0:
             self._check_stability(rate)
         v[:] = rate
@@ -418,6 +425,20 @@ class CentralDifference(Stepper):
             )
         if growth := self._stability.growth(self._total_energy(v), self.dt):
             self._refuse(growth)
+
+    def check_overlaps(self) -> None:
+        """Log overlaps, and springs that are too soft for the forces of prescribed motions."""
+        super().check_overlaps()
+        ratio = 0.0 if self._has_reported_springs else self._stability.compliance()
+        self._has_reported_springs |= ratio > 0
+        if ratio and self._comm.rank == 0:
+            _logger.warning(
+                "contact springs held up to %.0f %% of the elastic energy: forces of supports and "
+                "obstacles that press bodies together are too small by up to this fraction; finer "
+                "cells or stiffer springs, Penalty(eps_N=), reduce it, and EnergyMomentum has "
+                "stiffer default springs",
+                100 * ratio / (1 + ratio),
+            )
 
     def _refuse(self, reason: str) -> None:
         """Restore the last accepted state, and raise on all ranks."""

@@ -50,6 +50,11 @@ _GROWTH = 0.25
 # which there is a warning: far above the error of springs that keep their segments, 0.1 % in
 # impacts of blocks.
 _EXCHANGED = 0.05
+# Energy of springs relative to the strain energy [-], largest values of a run, above which there is
+# a warning if supports or obstacles did at least a part of the work (second value): contact yields
+# by that fraction of the deformation, and forces are too small by it. Impacts and weights are not
+# reported, as their forces hardly depend on it.
+_COMPLIANT, _PRESCRIBED = 0.1, 0.5
 # Round-off of the energy at rest, relative to the kinetic energy at one cell per step [-].
 _ROUNDING = 1e-20
 # Least transit time of a wave through a cell [s] whose inverse square is finite.
@@ -89,10 +94,13 @@ class Stability:
         # Energy that springs gave to the bodies without having stored it, and its last reported
         # value [J].
         self._exchanged = self._reported = 0.0
+        # Work of supports and obstacles, largest energy of springs and largest strain energy [J].
+        self._prescribed = self._stored = self._strain = 0.0
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the energies, the limit and the smallest cell."""
-        names = "_energy", "_worked", "_turnover", "limit", "smallest", "_exchanged", "_reported"
+        names = ["_energy", "_worked", "_turnover", "limit", "smallest", "_exchanged", "_reported"]
+        names += ["_prescribed", "_stored", "_strain"]
         totals = archive.same("watch", np.array([getattr(self, name) for name in names]))
         for name, total in zip(names, totals, strict=True):
             setattr(self, name, float(total))
@@ -122,17 +130,29 @@ class Stability:
         """Start the energy balance from a state with this energy [J]. Local."""
         self._energy, self._worked, self._turnover = energy, 0.0, 0.0
         self._exchanged = self._reported = 0.0
+        self._prescribed = self._stored = self._strain = 0.0
 
-    def count(self, driven: Sequence[float], damping: float, contact: ContactWork) -> None:
+    def count(
+        self,
+        driven: Sequence[float],
+        damping: float,
+        contact: ContactWork,
+        stored: float,
+        strain: float,
+    ) -> None:
         """Count the work of a step. Local.
 
         Args:
             driven: Work of loads, supports and obstacles [J].
             damping: Work of damping, not positive [J].
             contact: Work of contact [J].
+            stored: Energy of contact springs at its end [J].
+            strain: Strain energy at its end [J].
         """
         self._worked += sum(driven) + damping + contact.friction
         self._turnover += sum(map(abs, driven))
+        self._prescribed += sum(map(abs, driven[1:]))
+        self._stored, self._strain = max(self._stored, stored), max(self._strain, strain)
         self._exchanged += contact.persistent + contact.activation + contact.facet_change
 
     def exchanged(self, dt: float) -> float:
@@ -146,6 +166,13 @@ class Stability:
             return 0.0
         self._reported = abs(self._exchanged)
         return self._exchanged
+
+    def compliance(self) -> float:
+        """Largest energy of springs relative to the strain energy [-]; 0 if irrelevant. Local."""
+        if self._prescribed < _PRESCRIBED * (self._stored + self._strain):
+            return 0.0
+        ratio = self._stored / self._strain if self._strain > 0 else 0.0
+        return ratio if ratio > _COMPLIANT else 0.0
 
     def growth(self, energy: float, dt: float) -> str:
         """Message if the energy [J] of a run with steps dt [s] has grown, otherwise "". Local."""
@@ -199,11 +226,10 @@ class Cells:
         """Highest squared frequency [1/s^2] and least length [m] at positions x. Collective."""
         length = self._lengths(x)
         # In cells of rigid bodies the wave speed is set to 0.
-        times = np.divide(
-            length, self._speed, out=np.full_like(length, np.inf), where=self._speed > 0
-        )
+        deforms = self._speed > 0
+        times = np.divide(length, self._speed, out=np.full_like(length, np.inf), where=deforms)
         time = float(times.min(initial=np.inf))
-        limits = [time, float(length.min(initial=np.inf))]
+        limits = [time, float(length[deforms].min(initial=np.inf))]
         least, shortest = reductions.least(self._comm, limits)
         return (2 / least) ** 2 if least > _SHORTEST_TIME else math.inf, shortest
 

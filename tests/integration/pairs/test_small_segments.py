@@ -42,6 +42,4 @@ def fallen(comm, plate, scheme=nts.EnergyMomentum, num_facets=60):
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
 def test_rigid_plates_of_small_facets_act_as_a_plane(comm, scheme):
     given = {"rtol": 1e-9} if scheme is nts.EnergyMomentum else {"rtol": 1e-6}
-    np.testing.assert_allclose(
-        fallen(comm, "body", scheme), fallen(comm, "plane", scheme), **given
-    )
+    np.testing.assert_allclose(fallen(comm, "body", scheme), fallen(comm, "plane", scheme), **given)
