@@ -189,7 +189,7 @@ class NeighbourList:
         if np.array_equal(self._pressed, before):
             return False
         is_new = (self._pressed != before) & (self._pressed >= 0)
-        speed: Floats = (last - self._gap) / dt
+        speed = np.asarray((last - self._gap) / dt, dtype=np.float64)
         has_changed = self._begin(before, segment, speed)
         around = self.candidates.adjacent(x) if is_new.any() else None
         first = np.arange(len(segment)) if self.start is None else self.start[:-1]
