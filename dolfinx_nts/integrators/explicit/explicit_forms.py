@@ -85,7 +85,12 @@ class ExplicitBulk:
         soft = [body for body in bodies if not body.is_rigid]
         damped = [body for body in bodies if body.material.is_damped]
         work = partial(self._internal_work, *ufl.TestFunctions(W))
-        self._cells = CellForm(bulk_form(soft, work), V=V, num_sums=1) if soft else None
+        form = bulk_form(soft, work) if soft else ufl.Form([])
+        self._cells = CellForm(form, V=V, num_sums=1) if soft else None
+        # Values of Constants and Functions in the energies of the materials, as shared views.
+        self._of_materials: list[Any] = [constant.value for constant in form.constants()]
+        self._of_materials += [f.x.array for f in form.coefficients() if f is not u]
+        self._known_values = self._values()
         self.internal = NodalForce(self._cells, V)
         damping = [bulk_form(damped, self._damping_work)] if damped else []
         self.damping = [NodalForce(CellForm(form), V) for form in damping]
@@ -106,6 +111,15 @@ class ExplicitBulk:
         for part in (*self.loads, *self.damping):
             part.assemble()
             self.total += part.values
+
+    def have_materials_changed(self) -> bool:
+        """Whether values in energies have changed on this rank since the last call. Local."""
+        before, self._known_values = self._known_values, self._values()
+        return before != self._known_values
+
+    def _values(self) -> list[bytes]:
+        """Values of Constants and Functions in the energies of the materials. Local."""
+        return [value.tobytes() for value in self._of_materials]
 
     @property
     def forces(self) -> list[Floats]:
