@@ -204,7 +204,9 @@ class Convergence:
         # With inertia the round-off of the heaviest body dominates, which is too large for other
         # bodies.
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if self._inertia else scales.rounding)
-        is_small = norm <= max(_SMALL_RESIDUAL * scale, scales.rounding, steep)
+        # Forces that begin in this step, such as those of heat, are in the first residual.
+        largest = max(scale, self.norms[0])
+        is_small = norm <= max(_SMALL_RESIDUAL * largest, scales.rounding, steep)
         is_balanced = norm <= target or (is_small and self._du_norm <= scales.increment)
         solves = is_balanced and is_complete and not (num_open or changed)
         solves = solves and not self._has_to_be_polished(excess, iterate.x)

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts import parts
 from dolfinx_nts.solvers import newton
 from helpers import scenes
 from helpers.models import box_meshes
@@ -484,3 +485,28 @@ def test_a_load_that_update_sets_acts_as_a_function_of_time_does(comm, scheme, k
     if kind == "constant" and scheme is nts.EnergyMomentum:
         coarse, fine, finest = (tip(dt, kind) for dt in (0.02, 0.01, 0.005))
         assert abs(coarse - fine) > 3 * abs(fine - finest)
+
+
+def test_first_step_of_a_heated_body_converges_though_no_force_acted_before(comm):
+    def build(model):
+        parts.add_box(model, "held", corner=(0, 0, 0), size=(0.01, 0.01, 0.01), cells=(3, 3, 3))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    stretch = fem.Constant(mesh, 1.0)
+
+    def psi(C):
+        elastic = C / stretch**2
+        J = ufl.sqrt(ufl.det(elastic))
+        return 5e4 * (ufl.tr(elastic) - 3 - 2 * ufl.ln(J)) + 1e5 * ufl.ln(J) ** 2
+
+    block = nts.Body(V, cells, tag["held"], nts.Hyperelastic(psi, rho=1e3))
+    Q, _ = V.sub(2).collapse()
+    top = fem.locate_dofs_geometrical((V.sub(2), Q), lambda x: x[2] > 0.01 - 1e-9)
+    hold = fem.dirichletbc(fem.Function(Q), top, V.sub(2))
+
+    def heat(t):
+        stretch.value = 1 + 5 * t
+
+    stepper = nts.EnergyMomentum([block], [], dt=5e-4, bcs=[hold], update=heat)
+    assert stepper.advance().newton_iterations <= 8
