@@ -7,7 +7,7 @@ import basix
 import numpy as np
 
 from dolfinx_nts import compat
-from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
 from dolfinx_nts.meshing.elements import ENTITIES, KINDS, Block, Elements, names
 from dolfinx_nts.meshing.repeated import (
     check_repeated_cells,
@@ -163,6 +163,15 @@ def bodies_of(mesh: Elements, dim: int) -> Bodies:
         ]
         for nodes, of in ((cells, kind), (facets[near], facet))
     )
+    facet_tags = facet_tags[near]
+    joined = _are_joined(_NAMES[kind], cells, facets)
+    for tag, size in zip(*np.unique(facet_tags[joined], return_counts=True), strict=True):
+        num_facets[tag] -= size
+        _logger.info(
+            "physical %s: %d facets are left out, as merged nodes join them with facets of "
+            "another group within the mesh",
+            *(mesh.name(dim - 1, tag), size),
+        )
     degree = KINDS[kind].order
     _check_cells(_NAMES[kind], degree, x[:, :dim], cells, numbers)
     check_repeated_cells(cells, numbers)
@@ -172,9 +181,30 @@ def bodies_of(mesh: Elements, dim: int) -> Bodies:
         *(x, cells, cell_tags),
         {tag: mesh.name(dim, tag) for tag in mesh.physical(dim)},
     )
-    return Bodies(
-        _NAMES[kind], degree, x, cells, cell_tags, facets, facet_tags[near], tags, num_facets
-    )
+    groups = facets[~joined], facet_tags[~joined]
+    return Bodies(_NAMES[kind], degree, x, cells, cell_tags, *groups, tags, num_facets)
+
+
+def _are_joined(cell: str, cells: GlobalInts, facets: GlobalInts) -> Flags:
+    """Whether facets are given twice and lie between two cells, shape ``(f,)``.
+
+    They are those of two volumes whose common nodes were merged. Cells and facets are given by
+    their nodes in the order of DOLFINx, vertices first, shapes ``(c, n)`` and ``(f, m)``.
+    """
+    sides = basix.topology(getattr(basix.CellType, cell))[-2]
+    corners = np.sort(facets[:, : len(sides[0])], axis=1)
+    nodes, which, counts = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
+    several = counts > 1
+    if several.any():
+        twice = nodes[several]
+        near = cells[np.isin(cells, twice).sum(axis=1) >= len(sides[0])]
+        of_cells = np.sort(np.concatenate([near[:, side] for side in sides]), axis=1)
+        _, same, others = np.unique(
+            np.concatenate([twice, of_cells]), axis=0, return_inverse=True, return_counts=True
+        )
+        several[several] = others[same.ravel()[: len(twice)]] > 2
+    joined: Flags = several[which.ravel()]
+    return joined
 
 
 def _tags_by_name(mesh: Elements, dim: int) -> dict[str, int]:

@@ -143,8 +143,8 @@ class CentralDifference(Stepper):
     )
     # A copy of the state would take half the time of a step.
     _halves_equal_steps = False
-    # Whether the compliance of springs was reported, and whether a Constant or Function in an energy
-    # has changed since the last check of the energy.
+    # Whether the compliance of springs was reported, and whether a value in an energy has changed
+    # since the last check of the energy.
     _has_reported_springs = _have_materials_changed = False
     stable_step: float = math.inf
 

@@ -573,6 +573,21 @@ def test_facets_in_two_surfaces_are_refused(comm, model):
     refuse(comm, model, ValueError, "surface (7|50): expected 4 facets of cells, given ")
 
 
+def test_facets_between_volumes_whose_nodes_were_merged_are_left_out(comm):
+    def build(model):
+        for name, height in (("lower", 0), ("upper", 1)):
+            size, cells = (1, 1, 1), (2, 2, 2)
+            add_box(model, name, corner=(0, 0, height), size=size, cells=cells)
+        model.mesh.removeDuplicateNodes()
+
+    mesh, _, facets, tag = read_mesh(build, comm)
+    own = facets.indices < mesh.topology.index_map(2).size_local
+    names = ("lower_top", "upper_bottom", "upper_top")
+    counts = [comm.allreduce(np.count_nonzero(facets.values[own] == tag[n])) for n in names]
+    assert counts == [0, 0, 4]
+    assert mesh.geometry.index_map().size_global == 45
+
+
 # --- inverted and degenerate cells -------------------------------------
 
 
