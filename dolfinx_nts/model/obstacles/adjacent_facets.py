@@ -37,7 +37,7 @@ class AdjacentFacets:
         """Find all facets that are as near to a point as its own facet, including that one.
 
         They share a vertex with the facet of the point, and the point is on the same side of them.
-        Normals differ by less than 30 degrees, as sharper edges separate sides of the body.
+        Edges between them are blunter than 30 degrees, as sharper ones separate sides of the body.
         ``size`` is the diameter of the facet of each point, shape ``(m,)`` [m].
 
         Returns:
@@ -51,9 +51,27 @@ class AdjacentFacets:
         margin = _EQUAL * size[row]
         near = np.abs(away - away[own][row]) <= margin
         near &= (gap < -margin) == (gap[own][row] < -margin)
-        near &= np.einsum("ei,ei->e", normal, normal[own][row]) >= SHARP
+        alike = np.einsum("ei,ei->e", normal, normal[own][row]) >= SHARP
+        # Facets across a vertex may be joined by others between them.
+        for far in np.unique(row[near & ~alike]):
+            (entries,) = (near & (row == far)).nonzero()
+            alike[entries] = self._joined(other[entries], normal[entries], alike[entries])
+        near &= alike
         near &= np.bincount(row[near], minlength=len(facet))[row] > 1
         return row[near], other[near]
+
+    def _joined(self, facets: Ints, normal: Floats, first: Flags) -> Flags:
+        """Facets that edges blunter than 30 degrees join to the first ones, shape ``(k,)``.
+
+        All arguments are of k facets around a vertex, ``normal`` of the shape ``(k, 3)``.
+        """
+        corners = self._facets[facets]
+        common = (corners[:, None, :, None] == corners[None, :, None, :]).sum(axis=(2, 3))
+        blunt = (common > 1) & (normal @ normal.T >= SHARP)
+        reached = first
+        while (reached != (grown := reached | blunt[:, reached].any(axis=1))).any():
+            reached = grown
+        return reached
 
     def outside(self, points: Floats, x: Floats, facet: Ints) -> Floats:
         """Distances of projections outside facets in reference coordinates, ``(m,)`` [-]."""

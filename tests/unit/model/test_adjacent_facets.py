@@ -45,6 +45,19 @@ def test_points_above_vertices_and_edges_have_all_facets_at_the_same_distance(ce
         assert found(adjacent, point[None], x, nearest[:1]) == [expected]
 
 
+@pytest.mark.parametrize("height", [0.1, -0.1])
+def test_facets_across_the_apex_of_a_blunt_pyramid_count_from_any_of_them(height):
+    # Normals of opposite facets differ by 31 degrees, of adjacent ones by 22 degrees.
+    slope = np.tan(np.radians(15.5))
+    x = np.array([[0, 0, slope], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dtype=float)
+    x[1:] @= np.array([[1, 1, 0], [-1, 1, 0], [0, 0, 1]], dtype=float)
+    facets = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]], dtype=np.int32)
+    adjacent = AdjacentFacets(facets, np.ones(4))
+    point = np.array([[0.0, 0.0, slope + height]])
+    for own in range(4):
+        assert found(adjacent, point, x, [own]) == [[0, 1, 2, 3]]
+
+
 def test_facets_beyond_a_sharp_edge_and_of_other_groups_are_not_as_near():
     x, facets, orientation = grid(4, lambda a, b: -np.maximum(a - 1, 0.0))
     above = x[[5, 6]]
