@@ -37,6 +37,8 @@ _WIDE, _TURNED = 10.0, 0.9
 # Deviation from a round surface, and difference of the radii of both surfaces [-], above which
 # surfaces do not fit. Part of the normals along the axis of a cylinder [-], less than on spheres.
 _ROUND, _SIMILAR, _ALONG_AXIS = 0.15, 0.3, 0.02
+# Deviation relative to the length of facets [-] up to which nodes of both lie opposite each other.
+_ROUND_OFF = 1e-9
 
 
 class _Fit(NamedTuple):
@@ -168,7 +170,7 @@ def _fit_of_arc(rows: Floats) -> _Fit | None:
     deviation = np.sqrt(np.mean(difference**2))
     if len(rows) < _FEWEST or np.linalg.norm(normal.sum(axis=0)) > _TURNED * area.sum():
         return None
-    if not deviation > 0:
+    if not deviation > _ROUND_OFF * np.sqrt(area.mean()):
         return None
     normal = normal / area[:, None]
     part = area / area.sum()

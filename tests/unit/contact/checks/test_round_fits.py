@@ -63,6 +63,7 @@ def test_coarse_pin_in_hole_is_reported(comm, caplog, gap, num_pin, num_hole):
         (0.02, 160, 0.01, {}),  # fine facets
         (0.2, 40, 0.03, {}),  # wide gap
         (0.02, 40, 0.0, {}),  # nodes opposite each other
+        (0.0, 40, 0.0, {}),  # at the same places
         (0.02, 40, 0.03, {"smooth": True, "method": "mortar"}),
     ],
 )
