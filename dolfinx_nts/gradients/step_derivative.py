@@ -177,7 +177,7 @@ class StepDerivative:
             motion = motion._replace(end=u)
             h, ahead, behind = self._differences(step, motion, histories, scale)
             for each, a, b in zip(step.differences, ahead, behind, strict=True):
-                of_history: Floats = (a.history - b.history) / (2 * h)
+                of_history: Floats = np.subtract(a.history, b.history) / (2 * h)
                 each.update(of_history, histories)
             if rates:
                 rates[0] = rates[0] + self._impulses(step, u, rates[0], h, (ahead, behind))

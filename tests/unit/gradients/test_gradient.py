@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts.contact.implicit.mortar.frozen_points import FrozenPoints
 from helpers.models import box_meshes
 from helpers.once import once
 
@@ -267,6 +268,21 @@ def test_parts_without_derivatives_are_refused(comm, refused):
     stepper, controls, J, until = impact(comm, enforcement=nts.LagrangeMultiplier(), **NODES)
     with refused(ValueError, "expected contact by springs"):
         nts.Gradient(stepper, controls, J, until=until)
+
+
+def test_steps_that_choose_contact_points_again_are_refused_in_the_run(comm, refused, monkeypatch):
+    stepper, controls, J, until = impact(comm, **MORTAR)
+    gradient = nts.Gradient(stepper, controls, J, until=until)
+    value = gradient.value()
+
+    def is_due(points, x, near, converged):
+        return converged and points._renewals == 0
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FrozenPoints, "_is_due", is_due)
+        with refused(ValueError, "contact points are chosen once"):
+            gradient.value(1.01 * gradient.controls)
+    assert gradient.value(gradient.controls / 1.01) == pytest.approx(value, rel=1e-12)
 
 
 def test_many_controls_through_mortar_contact_are_refused(comm, refused):
