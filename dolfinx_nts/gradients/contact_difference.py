@@ -16,8 +16,9 @@ from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, start_from
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.normal.active_set import ROUNDING
 from dolfinx_nts.contact.joint_state import members
-from dolfinx_nts.fem.components import in_space, of_space
+from dolfinx_nts.fem.components import dimension, in_space, of_space
 from dolfinx_nts.gradients.contact_derivative import (
     ContactMotion,
     Histories,
@@ -29,7 +30,7 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["ContactDifference", "ContactResult"]
 
-# Difference of forces relative to the largest one [-] above which they are of different points.
+# Error of repeated forces relative to the largest one [-] above which their points differ.
 _SAME = 1e-6
 # Values of the history of a node on which the next step depends, and their positions in arrays.
 _SCALARS = ("offset", "gap", "soft_depth", "part", "slip", "energy")
@@ -56,6 +57,9 @@ class ContactDifference:
 
     Attributes:
         size: Diameter of the longest segment [m].
+
+    Raises:
+        ValueError: The step has chosen its contact points again on the way.
     """
 
     def __init__(
@@ -70,6 +74,9 @@ class ContactDifference:
         self._history = step.state.history
         self._scatter = step.candidates.scatter
         self.size: float = max(member.pair.segment_size for member in self._members)
+        shape = step.state.nodes.V.dofmap.index_map.size_local, dimension(step.state.nodes.V)
+        self._force = contact_residual([step], [last], shape).reshape(shape)
+        self._check()
 
     def end_product(self, x: Floats) -> Floats:
         """Derivative of the force with respect to the end of the step, times ``(n, d)``."""
@@ -102,9 +109,7 @@ class ContactDifference:
         accepted = [member.accepted for member in self._members]
         state.accept(_changed(self._history, change))
         try:
-            step = self._step.repeat(x_n=x_n, x_trial=x_trial)
-            start_from([step], [self._step])
-            last = step.evaluate(x[:n], None, 1)
+            step, last = self._repeat(x_n, x_trial, x)
             force = contact_residual([step], [last], (n, d)).reshape(n, d)
             released: Floats = np.zeros((n, 3))
             energy = 0.0
@@ -117,25 +122,44 @@ class ContactDifference:
                 member.accept(before)
         return ContactResult(force, history, released, energy)
 
-    def check(self, ahead: Floats, behind: Floats) -> None:
-        """Check that the mean of forces ahead and behind, each ``(n, d)`` [N], is that of the step.
+    def curvature(self, ahead: Floats, behind: Floats) -> float:
+        """Largest distance of the force of the step from the mean of two, each ``(n, d)`` [N].
+
+        The forces are those for perturbations of both signs.
+        """
+        error = float(np.abs((ahead + behind) / 2 - self._force).max(initial=0.0))
+        return reductions.largest(self._scatter.index_map.comm, error)
+
+    def _check(self) -> None:
+        """Check that the contact of the step can be repeated.
 
         Raises:
-            ValueError: It is not: the step has chosen its contact points again on the way.
+            ValueError: The step has chosen its contact points again on the way.
         """
-        n, d = ahead.shape
-        force = contact_residual([self._step], [self._last], (n, d)).reshape(n, d)
-        error = float(np.abs((ahead + behind) / 2 - force).max(initial=0.0))
-        sizes = [float(np.abs(each).max(initial=0.0)) for each in (force, ahead - behind)]
-        comm = self._scatter.index_map.comm
-        error, size, change = reductions.largest(comm, np.array([error, *sizes]))
-        # Springs that are about to be loaded change their force by all of it.
-        if error > _SAME * size + change:
+        n, d = self._force.shape
+        step, last = self._repeat(*self._ends)
+        force = contact_residual([step], [last], (n, d)).reshape(n, d)
+        # Springs that touch by round-off of positions may push in any direction.
+        eps_N = self._step.state.eps_N
+        assert eps_N is not None
+        parts = force - self._force, self._force, ROUNDING * self.size * eps_N
+        own = np.array([float(np.abs(part).max(initial=0.0)) for part in parts])
+        error, size, rounding = reductions.largest(self._scatter.index_map.comm, own)
+        if error > _SAME * size + rounding:
             raise ValueError(
                 "expected steps whose contact points are chosen once for a derivative, given one "
                 f"of {self._step.state.pair.between} in which points slid off their segments or "
                 "vertices touched: shorter steps help"
             )
+
+    def _repeat(
+        self, x_n: Floats, x_trial: Floats, x: Floats
+    ) -> tuple[ContactStep, ContactContribution]:
+        """Contact for other positions, ``(l, 3)`` [m], with the same nodes that slide."""
+        step = self._step.repeat(x_n=x_n, x_trial=x_trial)
+        start_from([step], [self._step])
+        step.friction.keeps_states = True
+        return step, step.evaluate(x[: len(self._force)], None, 1)
 
     def update(self, change: Floats, histories: Histories) -> None:
         """Replace the perturbations of the histories at the start by those at the end. Local."""
@@ -158,9 +182,14 @@ def _values(history: ContactHistory) -> Floats:
 
 
 def _changed(history: ContactHistory, change: Floats) -> ContactHistory:
-    """History with perturbations, shape ``(n, WIDTH)``. Local."""
+    """History with perturbations, shape ``(n, WIDTH)``, and the same loaded springs. Local."""
     parts = {name: change[:, i] for i, name in enumerate(_SCALARS)}
     for i, name in enumerate(_VECTORS):
         first = len(_SCALARS) + 3 * i
         parts[name] = change[:, first : first + 3]
-    return replace(history, **{name: getattr(history, name) + part for name, part in parts.items()})
+    new = {name: getattr(history, name) + part for name, part in parts.items()}
+    # A loaded spring keeps its soft depth, and others get a new one: gaps must not change sides.
+    loaded, offset = history.gap < history.offset, new["offset"]
+    limit = np.where(loaded, np.nextafter(offset, -np.inf), offset)
+    new["gap"] = np.where((new["gap"] < offset) == loaded, new["gap"], limit)
+    return replace(history, **new)

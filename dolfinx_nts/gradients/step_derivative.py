@@ -26,9 +26,13 @@ from dolfinx_nts.solvers.linear.tangent_solver import TangentSolver
 
 __all__ = ["MotionState", "StepDerivative", "StepRecord"]
 
-# Largest displacement in a difference, relative to the longest segment [-]. Larger: curvature of
-# gaps; smaller: round-off of positions.
-_STEP = 1e-5
+# Largest displacements in differences, relative to the longest segment [-]. They are tried until
+# forces are straight. Larger: curvature of gaps, and of the tractions of nodes that hardly slide;
+# smaller: round-off of positions.
+_STEPS = (1e-6, 1e-7, 1e-8, 1e-9)
+# Deviation of forces in a difference from a straight line, relative to their change [-], that is
+# admissible. Larger: errors where nodes touch; smaller: more differences.
+_STRAIGHT = 1e-5
 
 
 class MotionState(NamedTuple):
@@ -157,11 +161,11 @@ class StepDerivative:
         motion = ContactMotion(start.u, self._trial(start), np.zeros(self._shape))
         for contact in step.contacts:
             force += contact.force_by(motion, histories)
+        scale = 0.0
         if step.differences:
-            h, *ends = self._differences(step, motion, histories)
-            for each, a, b in zip(step.differences, *ends, strict=True):
-                each.check(a.force, b.force)
-                force += (a.force - b.force) / (2 * h)
+            scale = self._largest([self._derivatives.free(force)])
+            h, ahead, behind = self._differences(step, motion, histories, scale)
+            force += _slope(ahead, behind, h)
         u = self._solver.solve(partial(self._product, step), -self._derivatives.free(force))
         for contact in step.contacts:
             contact.update(motion._replace(end=u), histories)
@@ -171,25 +175,42 @@ class StepDerivative:
         ]
         if step.differences:
             motion = motion._replace(end=u)
-            h, *ends = self._differences(step, motion, histories)
-            for each, a, b in zip(step.differences, *ends, strict=True):
-                each.update((a.history - b.history) / (2 * h), histories)
+            h, ahead, behind = self._differences(step, motion, histories, scale)
+            for each, a, b in zip(step.differences, ahead, behind, strict=True):
+                of_history: Floats = np.subtract(a.history, b.history) / (2 * h)
+                each.update(of_history, histories)
             if rates:
-                rates[0] = rates[0] + self._impulses(step, u, rates[0], h, ends)
+                rates[0] = rates[0] + self._impulses(step, u, rates[0], h, (ahead, behind))
         return MotionState(u, rates, histories)
 
     def _differences(
-        self, step: StepRecord, motion: ContactMotion, histories: Histories
+        self, step: StepRecord, motion: ContactMotion, histories: Histories, scale: float
     ) -> tuple[float, list[ContactResult], list[ContactResult]]:
-        """Step h of central differences, and the contact for perturbations times h and -h."""
-        parts = [*motion, *(values[:, :3] for values in histories.values())]
-        own = max(float(np.abs(part).max(initial=0.0)) for part in parts)
-        largest = reductions.largest(self._bulk.comm, own)
+        """Step h of central differences, and the contact for perturbations times h and -h.
+
+        ``scale`` is the largest derivative of the other forces [N].
+        """
+        largest = self._largest([*motion, *(values[:, :3] for values in histories.values())])
         size = min(contact.size for contact in step.differences)
-        h = _STEP * size / largest if largest > 0 else 1.0
-        ends = ([c.at(motion, s * h, histories) for c in step.differences] for s in (1, -1))
-        ahead, behind = ends
+        for part in _STEPS:
+            h = part * size / largest if largest > 0 else 1.0
+            ahead, behind = (
+                [contact.at(motion, s * h, histories) for contact in step.differences]
+                for s in (1, -1)
+            )
+            changes = scale, self._largest([_slope(ahead, behind, h)])
+            curvature = sum(
+                contact.curvature(a.force, b.force)
+                for contact, a, b in zip(step.differences, ahead, behind, strict=True)
+            )
+            if curvature <= _STRAIGHT * h * max(changes):
+                break
         return h, ahead, behind
+
+    def _largest(self, parts: Sequence[Floats]) -> float:
+        """Largest absolute value of nodal arrays. Collective."""
+        own = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+        return reductions.largest(self._bulk.comm, own)
 
     def _impulses(
         self,
@@ -275,6 +296,13 @@ class StepDerivative:
 def _combined(weights: Sequence[Any] | Floats, values: Sequence[Floats]) -> Floats | float:
     """Linear combination of nodal arrays. Local."""
     return sum((w * v for w, v in zip(weights, values, strict=True)), 0.0)
+
+
+def _slope(ahead: Sequence[ContactResult], behind: Sequence[ContactResult], h: float) -> Floats:
+    """Central difference of the forces of all contact, ``(n, d)`` [N]. Local."""
+    changes = (a.force - b.force for a, b in zip(ahead, behind, strict=True))
+    slope: Floats = np.sum([*changes], axis=0) / (2 * h)
+    return slope
 
 
 def _impulse_speed(step: StepRecord, update: RateUpdate, size: int) -> Floats:

@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts.contact.implicit.mortar.frozen_points import FrozenPoints
 from helpers.models import box_meshes
 from helpers.once import once
 
@@ -59,6 +60,37 @@ def impact(comm, scheme=nts.EnergyMomentum, *, steps=8, clamped=True, degree=1, 
     u, v = stepper.u, stepper.v
     J = ufl.inner(u - w, u) * ufl.dx + 0.01 * ufl.inner(v, v) * ufl.dx + ufl.inner(v, w) * ufl.dx
     return stepper, list(controls), J, 0.01 * steps
+
+
+def layers(comm, *, gap=0.0, dt=0.01, **contact):
+    """A flat box above a clamped one that is wider, with its gap, without conditions on the top.
+
+    Returns the stepper, the bodies, the moduli and the factor by which the upper box swells, at
+    first 0.
+    """
+    data = box_meshes.boxes([(2, 2, 1), (2, 2, 2)], [(1.2, 1.2, 0.4), (0.6, 0.6, 0.5)])
+    data.X[np.unique(data.cells[data.body == 1])] += np.array([0.23, 0.31, 0.4 + gap])
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    mu, stretch = fem.Constant(mesh, 500.0), fem.Constant(mesh, 0.0)
+
+    def material(stretch):
+        def psi(C):
+            J2 = ufl.det(C / stretch**2)
+            return mu / 2 * (ufl.tr(C / stretch**2) - 3 - ufl.ln(J2)) + 100.0 * ufl.ln(J2) ** 2
+
+        return nts.Hyperelastic(psi, rho=10.0, one_point=())
+
+    bodies = [
+        nts.Body(V, cells, tag[name], material(factor))
+        for name, factor in (("body 0", 1.0), ("body 1", 1 + stretch))
+    ]
+    below, above = (nts.Surface(V, facets, tag[name]) for name in ("top 0", "bottom 1"))
+    floor = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
+    bcs = [fem.dirichletbc(np.zeros(3), floor, V)]
+    pair = nts.ContactPair(above, below, **contact)
+    stepper = nts.EnergyMomentum(bodies, [pair], dt=dt, bcs=bcs)
+    return stepper, bodies, mu, stretch
 
 
 def check(gradient, direction, *, exact=ADJOINT):
@@ -117,6 +149,44 @@ def test_derivatives_through_contact_with_respect_to_the_material(comm, scheme, 
     # Without an adjoint the directions are differentiated one by one, to the error of differences.
     has_adjoint = contact.get("method") != "mortar" and "friction" not in contact
     check(gradient, np.array([200.0, -300.0]), exact=ADJOINT if has_adjoint else 1e-8)
+
+
+@pytest.mark.parametrize("method", [NODES, MORTAR], ids=["nodes", "mortar"])
+def test_derivatives_through_small_slip(comm, method):
+    """The upper box swells, and nodes slide by less than a thousandth of a facet in a step."""
+    stepper, (_, upper), mu, stretch = layers(comm, friction=nts.Coulomb(0.1), **method)
+    stepper.set_velocity(upper, (0.02, 0.01, -0.1))
+    stretch.value = 1e-3
+    slides = []
+
+    def objective(t):
+        history = stepper.contacts[0].history
+        slides.append(comm.allreduce(int((history.active & history.sliding).sum())))
+        return ufl.inner(stepper.u, stepper.u) * ufl.dx if t > 0.095 else None
+
+    gradient = nts.Gradient(stepper, [mu, stretch], objective, until=0.1)
+    x = gradient.controls
+    slopes = gradient.gradient(x)
+    assert np.count_nonzero(slides) >= 5
+    for slope, h in zip(slopes, np.diag(1e-5 * x), strict=True):
+        difference = gradient.value(x + h) - gradient.value(x - h)
+        assert np.isclose(difference, 2 * slope * h.sum(), rtol=DIFFERENCES, atol=0)
+
+
+@pytest.mark.parametrize("method", [NODES, MORTAR], ids=["nodes", "mortar"])
+def test_derivatives_if_the_gap_closes_at_the_end_of_a_step(comm, method):
+    """Round-off decides whether the nodes touch in the first step or in the second one."""
+
+    def slopes(gap):
+        friction = nts.Coulomb(0.1)
+        stepper, (_, upper), mu, stretch = layers(comm, gap=gap, friction=friction, **method)
+        stepper.set_velocity(upper, (0.0, 0.0, -1.0))
+        stretch.value = 1e-12
+        moment = ufl.inner(stepper.u, stepper.u) * ufl.dx
+        return nts.Gradient(stepper, [mu], moment, until=0.05).gradient()
+
+    closes, nearly = slopes(0.01), slopes(0.01 * (1 + 1e-5))
+    assert np.allclose(closes, nearly, rtol=1e-3, atol=0)
 
 
 def test_derivatives_through_contact_with_respect_to_the_initial_state(comm, rng):
@@ -198,6 +268,21 @@ def test_parts_without_derivatives_are_refused(comm, refused):
     stepper, controls, J, until = impact(comm, enforcement=nts.LagrangeMultiplier(), **NODES)
     with refused(ValueError, "expected contact by springs"):
         nts.Gradient(stepper, controls, J, until=until)
+
+
+def test_steps_that_choose_contact_points_again_are_refused_in_the_run(comm, refused, monkeypatch):
+    stepper, controls, J, until = impact(comm, **MORTAR)
+    gradient = nts.Gradient(stepper, controls, J, until=until)
+    value = gradient.value()
+
+    def is_due(points, x, near, converged):
+        return converged and points._renewals == 0
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FrozenPoints, "_is_due", is_due)
+        with refused(ValueError, "contact points are chosen once"):
+            gradient.value(1.01 * gradient.controls)
+    assert gradient.value(gradient.controls / 1.01) == pytest.approx(value, rel=1e-12)
 
 
 def test_many_controls_through_mortar_contact_are_refused(comm, refused):

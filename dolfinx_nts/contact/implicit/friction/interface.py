@@ -29,9 +29,11 @@ class Friction:
         traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
         flips: How often a node has changed between stick and slip, shape ``(n,)``.
         coupled: Applies the coupled solution for all pairs; None with tangential springs.
+        keeps_states: Whether nodes keep to stick or to slide, as in differences of forces.
     """
 
     coupled: CoupledFriction | None
+    keeps_states = False
 
     def __init__(self, state: PairState | JointState) -> None:
         """Start with all nodes sliding, without traction."""

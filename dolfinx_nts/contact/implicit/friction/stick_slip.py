@@ -171,7 +171,7 @@ class StickSlip(Friction):
         else:
             length = length_of(value) if limits.depends_on_slip else np.zeros(len(node))
             judged = limit = limits.at(node, known * limiting, before * length)
-        if iteration == 0:
+        if iteration == 0 or self.keeps_states:
             heading, sliding, violators = self._first_heading(pairs, motion), before, 0
         else:
             heading, sliding = self._nodal.judge(node, active, p, judged.force, trial, motion)
