@@ -127,7 +127,8 @@ class FrozenPoints(LocalSearch):
             return np.ones(len(self._every))
         at_n, at_x = (found.largest_dual_fractions((each,), self._slack) for each in (x_n, x))
         held = found.on_facets_of(self._is_held)
-        return np.fmin(at_n, np.where(held, self._last_fraction, at_x))
+        fraction: Floats = np.fmin(at_n, np.where(held, self._last_fraction, at_x))
+        return fraction
 
     def _points(self, found: FacetPoints, fraction: Floats, x: Floats) -> MortarPoints:
         """Points with shares of the nodes, chosen at x.
