@@ -55,6 +55,8 @@ class ContactHistory:
         reaction: These reactions, shape ``(n, w, 3)`` [N].
         area: Area on which the multiplier acts, shape ``(n,)`` [m^2]: of all facets around the
             node, see `Tractions.area`, or in mortar contact the area covered by segments.
+        dual_fraction: Largest fraction of dual functions around the node in mortar contact, see
+            `FacetPoints`, ``(n,)`` [-]; 1 otherwise.
     """
 
     key: GlobalInts
@@ -75,6 +77,7 @@ class ContactHistory:
     partner: Ints
     reaction: Floats
     area: Floats
+    dual_fraction: Floats
 
     @classmethod
     def at(cls, n: int, node: Ints, **values: Floats) -> "ContactHistory":
@@ -110,6 +113,7 @@ class ContactHistory:
             partner=np.full((n, 1), -1, dtype=np.int32),
             reaction=np.zeros((n, 1, 3)),
             area=np.zeros(n),
+            dual_fraction=np.ones(n),
         )
 
 

@@ -425,6 +425,15 @@ class OverlapWatch:
                 "surface of both bodies that touches itself)"
             )
         if any(isinstance(contact.pair.enforcement, Penalty) for contact in held):
+            compressed = max(map(_compression, held))
+            if compressed < overlap.depth / 2:
+                reason = (
+                    "as mean gaps over facets are closed; finer facets reduce it"
+                    if self._has_mean_gaps({inner, outer})
+                    else "as nodes changed their segments under load; a smaller dt reduces it"
+                )
+                only = f"springs of their contact pair are compressed by {compressed:.3g} m only"
+                return f"{only}, {reason}"
             return (
                 "the springs of their contact pair are compressed that much; stiffer ones "
                 "(eps_N), LagrangeMultiplier or a smaller dt reduce it"
@@ -500,6 +509,12 @@ def _described(overlap: Overlap) -> str:
 def _contact_depth(contact: PairState) -> float:
     """Largest penetration of a contact node or a loaded vertex of a pair [m]. Collective."""
     return max([_deepest(contact, contact.history.gap), *map(_deepest_loaded, contact.vertices)])
+
+
+def _compression(contact: PairState) -> float:
+    """Largest compression of a spring of a pair, or of its vertices [m]. Collective."""
+    parts = contact, *contact.vertices
+    return max(_deepest(each, each.history.gap - each.history.offset) for each in parts)
 
 
 def _deepest_loaded(contact: PairState) -> float:

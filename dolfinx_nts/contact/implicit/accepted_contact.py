@@ -50,6 +50,7 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
         soft_depth=normal.soft_depth,
         part=normal.stiffness_fraction,
         area=search.pairing.area,
+        dual_fraction=search.dual_fraction,
         force=-search.pairing.on_nodes(pairs, last.force),
         energy=history.energy + slip_energy,
         **slip,

@@ -254,6 +254,11 @@ class LocalSearch:
         flags: Flags = np.abs(self.approach.gap_n) <= TOUCHES * size
         return flags
 
+    @property
+    def dual_fraction(self) -> Floats:
+        """Largest fraction of dual functions around each node, 1 without points, ``(n,)`` [-]."""
+        return np.ones(len(self.segment))
+
     @cached_property
     def pressed_fractions(self) -> Floats:
         """Fractions of the nodal areas on which the segments may press, ``(n,)``.

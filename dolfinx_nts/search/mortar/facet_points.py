@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Array, Floats, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.search.edges.sharp_edges import unit_normals
 from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates, distances, extend_evenly
 from dolfinx_nts.search.mortar.mortar_points import MortarFacets, MortarPoints, Shares
@@ -247,6 +247,18 @@ class FacetPoints:
                 room = area * area / (area + there)
                 fraction = np.fmin(fraction, (there + room) / taken)
         return fraction
+
+    def on_facets_of(self, nodes: Flags) -> Flags:
+        """Flags of the owned nodes on facets around flagged ones, both ``(n,)``. Collective."""
+        facets, scatter, k = self.facets, self.candidates.scatter, self.linear.shape[1]
+        flags = np.zeros((scatter.index_map.size_local, 3))
+        flags[facets.nodes, 0] = nodes
+        vertices = facets.vertices[:, :k]
+        of_facets = scatter.forward(flags)[vertices, 0].max(axis=1, initial=0.0)
+        around = np.zeros(len(facets.X))
+        np.maximum.at(around, vertices, of_facets[:, None])
+        found: Flags = around[facets.nodes] > 0
+        return found
 
     def _weights_at_kinks(self, inner: Ints, gap: Floats, level: Floats, slack: float) -> Floats:
         """Weights of the points ``inner`` opposite kinks: 1 up to a multiple of the least gap.

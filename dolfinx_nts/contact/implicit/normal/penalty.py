@@ -191,13 +191,12 @@ class PenaltyContact(NormalContact):
             self.soft_depth[node],
         )
         # Offsets follow the gaps at t_n if points have changed, up to a limit.
-        pairing, was_known = self._search.pairing, old.key[node] != NEVER
-        changes = ~pairing.is_same(pairs) if pairing.follows else np.ones(len(node), dtype=bool)
-        moved, was_active = was_known & changes, old.active[node]
-        is_limited = was_known & (self._offset_of_compression(pairs) > np.fmax(-gap_n, 0.0))
+        begins, moved = self._begins_and_moves(pairs)
+        is_limited = old.key[node] != NEVER
+        is_limited &= self._offset_of_compression(pairs) > np.fmax(-gap_n, 0.0)
         of_offset = np.zeros((len(node), 6))
-        of_offset[:, 0] = moved & (was_active | (gap_n <= 0))
-        of_offset[:, 2], of_offset[:, 3] = 1.0, -1.0 * (moved & was_active)
+        of_offset[:, 0] = moved | (begins & (gap_n < 0))
+        of_offset[:, 2], of_offset[:, 3] = ~begins, -1.0 * moved
         of_offset[is_limited] = 0.0
         of_offset[is_limited, 0] = -1.0 * (gap_n[is_limited] < 0)
         of_depth = np.zeros((len(node), 6))
@@ -285,12 +284,22 @@ class PenaltyContact(NormalContact):
         """Gap at which springs begin if they keep their compression, shape ``(m,)`` [m].
 
         At new contact points it changes by the difference of the gaps at t_n, so that the energy is
-        continuous. If an inactive node penetrates there, its spring begins at the current gap.
+        continuous. A spring without energy begins where its node is now, so that it resists as soon
+        as the node goes deeper, however deep it has been before.
         """
         old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
-        pairing = self._search.pairing
-        changes_points = ~pairing.is_same(pairs) if pairing.follows else not self._is_static
-        moved = (old.key[node] != NEVER) & changes_points
-        before = np.where(old.active[node], old.gap[node], np.maximum(gap_n, 0.0))
-        offset: Floats = old.offset[node] + np.where(moved, gap_n - before, 0.0)
-        return offset
+        begins, moved = self._begins_and_moves(pairs)
+        offset: Floats = old.offset[node] + np.where(moved, gap_n - old.gap[node], 0.0)
+        return np.where(begins, np.fmin(gap_n, 0.0), offset)
+
+    def _begins_and_moves(self, pairs: PairKinematics) -> tuple[Flags, Flags]:
+        """Whether springs have no energy at t_n, and whether loaded ones have new contact points.
+
+        Shapes ``(m,)``. In statics springs without energy at the same points keep their offsets.
+        Local.
+        """
+        node, pairing = pairs.node, self._search.pairing
+        known, is_loaded = self._state.history.key[node] != NEVER, self._is_loaded[node]
+        changes: Flags | bool = ~pairing.is_same(pairs) if pairing.follows else not self._is_static
+        begins = known & ~is_loaded & (changes | (not self._is_static))
+        return begins, known & is_loaded & changes
