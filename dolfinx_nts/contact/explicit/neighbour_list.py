@@ -51,7 +51,7 @@ class NeighbourList:
             update.
         of_cells: Upper limit of the stiffness of springs by the cells at them, infinite where there
             is none, shape ``(n,)`` [N/m]; None if springs act at points, not on areas.
-        layers: Layers of cells on which these limits depend, if any.
+        layers: Layers of cells behind the springs, if they limit the stiffness.
 
     Attributes:
         candidates: Candidates within the search radius.
@@ -232,7 +232,7 @@ class NeighbourList:
         node, faced = np.unique(self.number[row]), None
         # Histories keep the former arrays.
         fraction, depth = self.stiffness_fraction.copy(), self.soft_depth.copy()
-        if self._of_segments is not None:
+        if self._of_segments is not None and self._of_cells is not None:
             faced = np.full((len(fraction), self._of_segments.shape[1]), np.inf)
             np.minimum.at(faced, self.number[row], self._of_segments[segment[row]])
             of_layers = layers.stiffness_fraction(faced, in_series=True)

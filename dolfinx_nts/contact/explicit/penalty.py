@@ -119,8 +119,8 @@ class ContactSprings:
             self._cells[:] = layers.stiffness(in_series=True) / sides
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
         of_areas = self._acts_on_areas and pair.method != EDGES
-        limits = (self._cells / SOFT, layers) if of_areas else (None, None)
-        self._neighbours = NeighbourList(state, *limits)
+        of_cells = self._cells / SOFT if of_areas else None
+        self._neighbours = NeighbourList(state, of_cells, layers)
         self.shortest_passage = shortest_passage_of(pair)
         self._deep = deep_from(pair)
         self.num_lost = self.num_deep = 0
@@ -207,7 +207,7 @@ class ContactSprings:
         """
         stiffest: Floats = squared_frequency * self._reduced_mass
         penalty = np.minimum(stiffest, self._cells / SOFT)
-        if self.lacks_penalty and self._acts_on_areas and self._state.pair.method != EDGES:
+        if self.lacks_penalty and self._state.pair.method != EDGES:
             self._neighbours.stiffest = stiffest
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)

@@ -87,7 +87,7 @@ class FrozenPoints(LocalSearch):
         ends = x_n, x
         kinks = self._has_kinks and not self._is_resolved
         found = FacetPoints.choose(
-            *(self.candidates.facets, self.candidates, *ends, self.reach),
+            *(self.candidates.facets, self.candidates, *ends, self._open_reach),
             kinks=kinks,
             slides_far=self._slides_far,
         )
