@@ -129,7 +129,7 @@ class LocalSearch:
         x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
         # Largest ballistic displacement increment of a node [m].
         self._increment: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
-        # Gap that counts as near [m], and with it the depth down to which nodes keep their segments.
+        # Gap that counts as near, and largest distance of nodes in front of or behind segments [m].
         self._open_reach = _REACH * self._increment + _kernels.DEEPEST * state.longest_segment
         self.reach = self._open_reach + state.search.initial_depth
         reach = self.reach + self._additional_reach(state.pair)
