@@ -142,7 +142,10 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
             except Exception as error:
                 if type(error) is not Exception:  # type of all errors of gmsh
                     raise
-                raise ValueError(f"expected a gmsh mesh, given {source}: {error}") from error
+                what = "a gmsh mesh"
+                if callable(source):
+                    what = "a function that makes a mesh by calls that gmsh accepts"
+                raise ValueError(f"expected {what}, given {source}: {error}") from error
             dim = find_dimension(elements)
             own = bodies_of(only_one_kind(elements, dim), dim)
     description = comm.bcast(own and own.description(), root=rank)
