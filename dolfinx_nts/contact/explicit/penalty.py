@@ -207,12 +207,15 @@ class ContactSprings:
         """
         stiffest: Floats = squared_frequency * self._reduced_mass
         penalty = np.minimum(stiffest, self._cells / SOFT)
-        if self.lacks_penalty and self._state.pair.method != EDGES:
+        given = self._penalty is not None or self._state.pair.method == EDGES
+        if self.lacks_penalty and not given:
             self._neighbours.stiffest = stiffest
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
-        penalty /= self._share  # `PairState.choose_penalty` multiplies by the share
-        self._state.choose_penalty(penalty, penalty)
+        # As stiff as loaded normal springs: slip would reverse too late in an oblique impact.
+        tangential = penalty if given else np.fmax(penalty, np.fmin(stiffest, STIFFER * penalty))
+        # `PairState.choose_penalty` multiplies by the share.
+        self._state.choose_penalty(penalty / self._share, tangential / self._share)
 
     @property
     def num_segments(self) -> int:

@@ -143,9 +143,6 @@ class CentralDifference(Stepper):
     )
     # A copy of the state would take half the time of a step.
     _halves_equal_steps = False
-    # Whether the compliance of springs was reported, and whether a value in an energy has changed
-    # since the last check of the energy.
-    _has_reported_springs = _have_materials_changed = False
     stable_step: float = math.inf
 
     @geometry_unchanged()
@@ -334,8 +331,8 @@ class CentralDifference(Stepper):
             self._refuse(self._springs.lost())
         contact_work = ContactWork(*by_cause)
         driven = load, support, contact_work.obstacles
-        self._stability.count(driven, damping, contact_work, stored, forces.strain_energy)
-        self._have_materials_changed |= bool(changed)
+        energies = {"stored": stored, "strain": forces.strain_energy}
+        self._stability.count(driven, damping, contact_work, **energies, changes=bool(changed))
         if (self.step + 1) % _CHECK_INTERVAL == 0:
             self._check_stability(rate)
         v[:] = rate
@@ -430,18 +427,13 @@ class CentralDifference(Stepper):
                 "or EnergyMomentum, which conserves the energy",
                 *(self.t, "given the bodies" if energy > 0 else "lost", abs(energy)),
             )
-        energy = self._total_energy(v)
-        if self._have_materials_changed:
-            self._stability.start(energy)
-            self._have_materials_changed = False
-        elif growth := self._stability.growth(energy, self.dt):
+        if growth := self._stability.growth(self._total_energy(v), self.dt):
             self._refuse(growth)
 
     def check_overlaps(self) -> None:
         """Log overlaps, and springs that are too soft for the forces of prescribed motions."""
         super().check_overlaps()
-        ratio = 0.0 if self._has_reported_springs else self._stability.compliance()
-        self._has_reported_springs |= ratio > 0
+        ratio = self._stability.compliance()
         if ratio and self._comm.rank == 0:
             _logger.warning(
                 "contact springs held up to %.0f %% of the elastic energy: forces of supports and "

@@ -96,6 +96,7 @@ class Stability:
         self._exchanged = self._reported = 0.0
         # Work of supports and obstacles, largest energy of springs and largest strain energy [J].
         self._prescribed = self._stored = self._strain = 0.0
+        self._has_reported_springs = self._have_materials_changed = False
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the energies, the limit and the smallest cell."""
@@ -137,8 +138,10 @@ class Stability:
         driven: Sequence[float],
         damping: float,
         contact: ContactWork,
-        stored: float,
-        strain: float,
+        *,
+        stored: float = 0.0,
+        strain: float = 0.0,
+        changes: bool = False,
     ) -> None:
         """Count the work of a step. Local.
 
@@ -148,7 +151,9 @@ class Stability:
             contact: Work of contact [J].
             stored: Energy of contact springs at its end [J].
             strain: Strain energy at its end [J].
+            changes: Whether values in energies have changed.
         """
+        self._have_materials_changed |= changes
         self._worked += sum(driven) + damping + contact.friction
         self._turnover += sum(map(abs, driven))
         self._prescribed += sum(map(abs, driven[1:]))
@@ -168,14 +173,24 @@ class Stability:
         return self._exchanged
 
     def compliance(self) -> float:
-        """Largest energy of springs relative to the strain energy [-]; 0 if irrelevant. Local."""
-        if self._prescribed < _PRESCRIBED * (self._stored + self._strain):
-            return 0.0
+        """Largest energy of springs relative to the strain energy [-]. Local.
+
+        It is 0 if it is irrelevant or was reported.
+        """
         ratio = self._stored / self._strain if self._strain > 0 else 0.0
-        return ratio if ratio > _COMPLIANT else 0.0
+        driven = self._prescribed >= _PRESCRIBED * (self._stored + self._strain)
+        if self._has_reported_springs or ratio <= _COMPLIANT or not driven:
+            return 0.0
+        self._has_reported_springs = True
+        return ratio
 
     def growth(self, energy: float, dt: float) -> str:
         """Message if the energy [J] of a run with steps dt [s] has grown, otherwise "". Local."""
+        if self._have_materials_changed:
+            # They give or take energy, such as that of a swelling body.
+            self.start(energy)
+            self._have_materials_changed = False
+            return ""
         grown = energy - self._energy - self._worked
         if grown <= _GROWTH * (self._energy + self._turnover) + self._round_off(dt):
             return ""

@@ -332,9 +332,11 @@ private:
     const Box box(c);
 
     std::vector<Below> found;
-    // All segments in the shadow of the facet up to the gap of radius + reach
-    // are within this distance, in any rotated scene.
-    const double limit = std::hypot(radius, radius + _reach);
+    // All segments in the shadow of the facet up to the gap of radius + reach,
+    // or down to the depth of initial penetration, are within this distance, in
+    // any rotated scene.
+    const double limit
+        = std::hypot(radius, radius + std::max(_reach, _segments.sunk));
     const auto visit = [&](std::int32_t s)
     {
       const std::array<Vec3, k> y = nodes(_segments, s, _segments.x);
