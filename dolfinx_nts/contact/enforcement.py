@@ -188,8 +188,8 @@ class Penalty(Declaration):
       of the first step; a body that strikes at one point then penetrates by about its motion in one
       or two steps. In statics it is ten times the stiffness of the stiffest deformable node.
     - In `CentralDifference` it is 3/5 of that of the layers of cells of both sides in series, and
-      up to three times as much beyond one and a half times the pressure of plane waves, as far as
-      the length of the steps allows.
+      up to two and a half times as much beyond one and a half times the pressure of plane waves,
+      as far as the length of the steps allows.
 
     A surface with all displacements prescribed counts as rigid.
 
