@@ -32,7 +32,7 @@ _MARGIN = 0.5
 _TOUCHES = 1e-9
 # Largest stiffness of springs under loads above those of waves, relative to that below [-]. Larger:
 # nodes vibrate, as explicit steps resolve it: with 1, 2.5, 3, 5 and 10 the peak force of a ball on
-# a block of 6 cells is 12, 6, 5, 0 and -3 % too small, and forces scatter by 0, 0.3, 0.4, 3 and 5 %.
+# a block of 6 cells is 12, 6, 5, 0 and -3 % too small; forces scatter by 0, 0.3, 0.4, 3 and 5 %.
 STIFFER = 2.5
 # Fraction of the margin [-] after which the list is rebuilt. If it is close to 1, the motion of all
 # nodes has to be measured in many steps.
