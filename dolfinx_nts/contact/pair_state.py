@@ -89,7 +89,7 @@ class PairState(Tractions, NodesOfPairs):
             self.search.in_dents = isinstance(pair.enforcement, Penalty)
         # A separate search for `gap`, which must not change the candidates of steps.
         self._far_search = _search(pair)
-        self._least_depth = self._choose_least_depth()
+        self._least_depth = self._extended_depth()
         self.set_initial_depth(0.0)
         self.eps_N: Floats | None = None
         self.layers: Layers | None = None
@@ -125,9 +125,10 @@ class PairState(Tractions, NodesOfPairs):
         others = pair.touches_itself or pair.method == EDGES or isinstance(pair.enforcement, Tied)
         return isinstance(self.search, GlobalSearch) and not others
 
-    def _choose_least_depth(self) -> float:
-        """Depth up to which all nodes get segments, if segments are small [m]. Collective.
+    def _extended_depth(self) -> float:
+        """Depth up to which nodes get segments smaller than half of their facets [m]. Collective.
 
+        It is 0 without such segments. Facets of a `RigidSurface` get it by `RigidSurface.deepen`.
         Springs are compressed by a part of the height of the cells behind the nodes, which may be
         more than half of a small segment. The depth is at most half of the least thickness behind
         the segments.

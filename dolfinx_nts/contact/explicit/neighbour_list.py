@@ -14,13 +14,14 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.cell_stiffness import Layers
+from dolfinx_nts.contact.enforcement import TOUCHES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, contact_normals
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.shared_segments import SharedSegments
 
-__all__ = ["STIFFER", "NeighbourList"]
+__all__ = ["NeighbourList", "under_load"]
 
 # Gap, relative to the size of a segment [-], up to which a node is paired with it.
 _REACH = 0.5
@@ -28,15 +29,24 @@ _REACH = 0.5
 # [-]. It must not be less than the reach, or deep nodes would be missing. Larger values give longer
 # lists, smaller ones more searches.
 _MARGIN = 0.5
-# Depth relative to the longest segment [-] up to which nodes without a last gap only touch.
-_TOUCHES = 1e-9
 # Largest stiffness of springs under loads above those of waves, relative to that below [-]. Larger:
 # nodes vibrate, as explicit steps resolve it: with 1, 2.5, 3, 5 and 10 the peak force of a ball on
 # a block of 6 cells is 12, 6, 5, 0 and -3 % too small; forces scatter by 0, 0.3, 0.4, 3 and 5 %.
-STIFFER = 2.5
+_STIFFER = 2.5
 # Fraction of the margin [-] after which the list is rebuilt. If it is close to 1, the motion of all
 # nodes has to be measured in many steps.
 _USED = 0.75
+
+
+def under_load(stiffness: Floats | float, limit: Floats) -> Floats:
+    """Stiffness of springs under loads above those of waves, as far as the step allows. Local.
+
+    Args:
+        stiffness: Stiffness below, shape ``(n,)`` [N/m].
+        limit: Largest stiffness that the step allows, shape ``(n,)`` [N/m].
+    """
+    loaded: Floats = np.fmax(stiffness, np.fmin(limit, _STIFFER * stiffness))
+    return loaded
 
 
 class NeighbourList:
@@ -93,8 +103,8 @@ class NeighbourList:
         self.area_fraction = self.stiffness_fraction = np.ones(len(state.nodes.nodes))
         self.soft_depth: Floats = np.full(len(state.nodes.nodes), np.inf)
         self.stiffest: Floats | None = None
-        # Gaps of all nodes in the last state, NaN without a segment [m].
-        self._gap: Floats = np.full(len(state.nodes.nodes), np.nan)
+        # Nodes of the rows in the last state, and their gaps [m].
+        self._last: tuple[Ints, Floats] = np.empty(0, dtype=np.int32), np.empty(0)
         # Values of the candidates, see `Layers`.
         self._of_segments: Floats | None = None
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
@@ -163,10 +173,14 @@ class NeighbourList:
         """Store segments or -1 of all rows, and which have contact, both ``(c,)``. Local."""
         self.current = segment
         self._pressed = np.where(gap < 0, segment, -1)
-        self._gap = np.full(len(self._gap), np.nan)  # histories keep the former array
-        self._gap[self.number] = gap
 
-    def change(self, x: Floats, segment: Ints, gap: Floats, dt: float) -> bool:
+    def remember(self, begin_at: Floats | float, gap: Floats) -> None:
+        """Store gaps of an evaluated state, see `change`, for the speeds of the next one. Local."""
+        self._last = self.number, gap + begin_at
+
+    def change(
+        self, x: Floats, segment: Ints, gap: Floats, begin_at: Floats | float, dt: float
+    ) -> bool:
         """Update the segments of the listed nodes. Local.
 
         A node that begins to transmit force, or changes its segment, gets the nearest one of the
@@ -175,22 +189,25 @@ class NeighbourList:
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
             segment: Segments of the rows or -1, shape ``(c,)``.
-            gap: Gaps to these, shape ``(c,)`` [m].
+            gap: Gaps to these minus those at which springs begin, shape ``(c,)`` [m].
+            begin_at: Gaps at which springs begin, shape ``(c,)`` [m].
             dt: Length of the step [s].
 
         Returns:
             Whether rows have changed, so that forces have to be evaluated again.
         """
-        before, last = self._pressed, self._gap
+        before, (node, last) = self._pressed, self._last
         self.keep(segment, gap)
-        # The speed of nodes that touch without compression at the start is known after one step.
-        touches = np.isnan(last[self.number]) & (gap > -_TOUCHES * self._state.pair.segment_size)
-        self._pressed[touches] = -1
         if np.array_equal(self._pressed, before):
             return False
+        known = np.full(len(self.soft_depth), np.nan)
+        known[node] = last
+        # The speed of nodes that touch without compression at the start is known after one step.
+        approach: Floats = known[self.number] - (gap + begin_at)
+        touches = np.isnan(approach) & (gap > -TOUCHES * self._state.pair.segment_size)
+        self._pressed[touches] = -1
         is_new = (self._pressed != before) & (self._pressed >= 0)
-        speed = np.asarray((last - self._gap) / dt, dtype=np.float64)
-        has_changed = self._begin(before, segment, speed)
+        has_changed = self._begin(before, segment, np.divide(approach, dt, dtype=np.float64))
         around = self.candidates.adjacent(x) if is_new.any() else None
         first = np.arange(len(segment)) if self.start is None else self.start[:-1]
         if around is None:
@@ -220,7 +237,8 @@ class NeighbourList:
         """Set the springs of nodes that begin to transmit force, by the segments faced. Local.
 
         Arguments as for `change`, with the segments that transmitted force ``before``, and the
-        speeds of approach of all nodes, shape ``(n,)`` [m/s]. Returns whether springs have changed.
+        speeds of approach, shape ``(c,)`` [m/s], NaN if they are not known. Returns whether springs
+        have changed.
         """
         layers = self._layers
         if layers is None:
@@ -229,7 +247,8 @@ class NeighbourList:
         row = row[~np.isin(self.number[row], self.number[before >= 0])]
         if not len(row):
             return False
-        node, faced = np.unique(self.number[row]), None
+        node, first = np.unique(self.number[row], return_index=True)
+        faced = None
         # Histories keep the former arrays.
         fraction, depth = self.stiffness_fraction.copy(), self.soft_depth.copy()
         if self._of_segments is not None and self._of_cells is not None:
@@ -239,7 +258,7 @@ class NeighbourList:
             fraction[node] = (self.area_fraction * of_layers)[node]
         if self.stiffest is not None:
             # Springs that are loaded by a displacement set by the user had no impact: NaN.
-            arriving = np.maximum(speed[node], 0.0)
+            arriving = np.maximum(speed[row[first]], 0.0)
             force = (layers.soft_pressure(faced) * layers.area * fraction)[node]
             soft = self._stiffness(node, fraction)
             depth[node] = np.divide(
@@ -259,8 +278,7 @@ class NeighbourList:
         self.stiffness = self._stiffness(number, self.stiffness_fraction)
         self.further = np.zeros_like(self.stiffness)
         if self.stiffest is not None:
-            most = self.stiffest[number] - self.stiffness
-            self.further = np.clip(most, 0.0, (STIFFER - 1) * self.stiffness)
+            self.further = under_load(self.stiffness, self.stiffest[number]) - self.stiffness
         if self.shared.many.any():
             row, segment, start = self.shared.entries(number, segment)
             counts = np.diff(start)
@@ -369,7 +387,7 @@ class NeighbourList:
         """Take the springs and gaps of the accepted state. Local."""
         history = self._state.history
         self.stiffness_fraction, self.soft_depth = history.part, history.soft_depth
-        self._gap = history.gap
+        self._last = np.arange(len(history.gap), dtype=np.int32), history.gap
 
     def _set_pressing(self, pressed: Flags) -> None:
         """Set flags of the nodes that transmitted force in the last state, ``(n,)``."""

@@ -21,7 +21,7 @@ from dolfinx_nts.contact.checks.soft_springs import deep_from
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.explicit.compliance import NodalProperties, compliance
 from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
-from dolfinx_nts.contact.explicit.neighbour_list import STIFFER, NeighbourList
+from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList, under_load
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
@@ -188,7 +188,7 @@ class ContactSprings:
         state, friction = self._state, self._state.pair.friction
         normal = self._penalty if state.eps_N is None else state.eps_N
         if (stiffest := self._neighbours.stiffest) is not None and normal is not None:
-            normal = np.fmax(normal, np.fmin(stiffest, STIFFER * normal))
+            normal = under_load(normal, stiffest)
         given = None if friction is None else friction.eps_T
         tangential = given if state.eps_T is None else state.eps_T
         highest = 0.0
@@ -206,14 +206,13 @@ class ContactSprings:
         it allows that.
         """
         stiffest: Floats = squared_frequency * self._reduced_mass
-        penalty = np.minimum(stiffest, self._cells / SOFT)
-        given = self._penalty is not None or self._state.pair.method == EDGES
-        if self.lacks_penalty and not given:
-            self._neighbours.stiffest = stiffest
+        penalty = tangential = np.minimum(stiffest, self._cells / SOFT)
         if self._penalty is not None:
-            penalty = np.full_like(penalty, self._penalty)
-        # As stiff as loaded normal springs: slip would reverse too late in an oblique impact.
-        tangential = penalty if given else np.fmax(penalty, np.fmin(stiffest, STIFFER * penalty))
+            penalty = tangential = np.full_like(penalty, self._penalty)
+        elif self._state.pair.method != EDGES:
+            self._neighbours.stiffest = stiffest
+            # As stiff as loaded normal springs: slip would reverse too late in an oblique impact.
+            tangential = under_load(penalty, stiffest)
         # `PairState.choose_penalty` multiplies by the share.
         self._state.choose_penalty(penalty / self._share, tangential / self._share)
 
@@ -283,12 +282,13 @@ class ContactSprings:
         candidates = seen.candidates
         x = candidates.scatter.forward(x)
         begin_at = self._begin_at(x)
-        segment, gap, springs = self._springs(x, begin_at)
+        begin, segment, gap, springs = self._springs(x, begin_at)
         self.num_lost = self._count_lost(x, seen.current, segment)
-        if seen.change(x, segment, gap, dt):
+        if seen.change(x, segment, gap, begin, dt):
             # Nodes away from free edges keep all new segments.
-            segment, gap, springs = self._springs(x, begin_at, np.inf)
+            begin, segment, gap, springs = self._springs(x, begin_at, np.inf)
             seen.keep(segment, gap)
+        seen.remember(begin, gap)
         number, stiffness, shared = seen.number, seen.secant(gap), nothing.shared
         if seen.start is not None:
             shared = seen.shared.sums(candidates.key)
@@ -326,8 +326,8 @@ class ContactSprings:
 
     def _springs(
         self, x: Floats, begin_at: Floats | None, slack: float = _kernels.HYSTERESIS
-    ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Segments and gaps of the listed nodes, and springs, see `Candidates.penalty_forces`.
+    ) -> tuple[Floats | float, Ints, Floats, _kernels.Springs]:
+        """Where springs of the rows begin, and the results of `Candidates.penalty_forces`.
 
         ``begin_at`` are gaps at which springs begin, see `_begin_at`.
         """
@@ -339,7 +339,7 @@ class ContactSprings:
         )
         energy = springs.energy
         energy -= seen.missing_energy(gap)[gap < 0]
-        return segment, gap, springs
+        return begin, segment, gap, springs
 
     def _begin_at(self, x: Floats) -> Floats | None:
         """Gaps at which springs begin, shape ``(n,)`` [m]; None if they begin at 0. Local.

@@ -13,6 +13,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.contact.explicit.all_springs import AllSprings
+from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.components import deformation_gradient, dimension, gradient
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
@@ -89,7 +90,7 @@ class ExplicitBulk:
         self._cells = CellForm(form, V=V, num_sums=1) if soft else None
         # Values of Constants and Functions in the energies of the materials, as shared views.
         self._of_materials: list[Any] = [constant.value for constant in form.constants()]
-        self._of_materials += [f.x.array for f in form.coefficients() if f is not u]
+        self._of_materials += [f.x.array for f in changing(form.coefficients()) if f is not u]
         self._known_values = self._values()
         self.internal = NodalForce(self._cells, V)
         damping = [bulk_form(damped, self._damping_work)] if damped else []

@@ -53,25 +53,33 @@ class AdjacentFacets:
         near &= (gap < -margin) == (gap[own][row] < -margin)
         alike = np.einsum("ei,ei->e", normal, normal[own][row]) >= SHARP
         # Facets across a vertex may be joined by others between them.
-        for far in np.unique(row[near & ~alike]):
-            (entries,) = (near & (row == far)).nonzero()
-            alike[entries] = self._joined(other[entries], normal[entries], alike[entries])
+        (entries,) = (near & np.isin(row, row[near & ~alike])).nonzero()
+        if len(entries):
+            around = row[entries], other[entries], normal[entries]
+            alike[entries] = self._joined(*around, alike[entries])
         near &= alike
         near &= np.bincount(row[near], minlength=len(facet))[row] > 1
         return row[near], other[near]
 
-    def _joined(self, facets: Ints, normal: Floats, first: Flags) -> Flags:
+    def _joined(self, row: Ints, facet: Ints, normal: Floats, first: Flags) -> Flags:
         """Facets that edges blunter than 30 degrees join to the first ones, shape ``(k,)``.
 
-        All arguments are of k facets around a vertex, ``normal`` of the shape ``(k, 3)``.
+        Args:
+            row: Numbers of the points around which the facets are, ascending, shape ``(k,)``.
+            facet: The facets, shape ``(k,)``.
+            normal: Their unit normals, shape ``(k, 3)``.
+            first: Flags of the facets that count, shape ``(k,)``.
         """
-        corners = self._facets[facets]
-        common = (corners[:, None, :, None] == corners[None, :, None, :]).sum(axis=(2, 3))
-        blunt = (common > 1) & (normal @ normal.T >= SHARP)
-        reached = first
-        while (reached != (grown := reached | blunt[:, reached].any(axis=1))).any():
-            reached = grown
-        return reached
+        one, two = _entries(row, row)
+        corners = self._facets[facet]
+        common = (corners[one][:, :, None] == corners[two][:, None, :]).sum(axis=(1, 2))
+        blunt = (common > 1) & (np.einsum("pi,pi->p", normal[one], normal[two]) >= SHARP)
+        one, two, reached = one[blunt], two[blunt], first.copy()
+        while True:
+            before = reached.copy()
+            reached[one[before[two]]] = True
+            if np.array_equal(reached, before):
+                return reached
 
     def outside(self, points: Floats, x: Floats, facet: Ints) -> Floats:
         """Distances of projections outside facets in reference coordinates, ``(m,)`` [-]."""

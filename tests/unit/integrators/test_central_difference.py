@@ -6,17 +6,16 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import parts
 from dolfinx_nts.contact.explicit import neighbour_list
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.integrators.explicit import central_difference, stability
 from helpers import scenes
 from helpers.models.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
+from helpers.models.swelling import swelling_box
 from helpers.once import once, once_except
 from helpers.scene import Scene, input_ids
 
@@ -559,29 +558,17 @@ def test_report_and_ledger_agree_with_a_step_without_iterations(comm):
     assert (report.step, report.newton_iterations, report.residual_norms) == (1, 0, ())
 
 
-def test_energy_of_a_swelling_body_is_unaccounted_and_no_instability(comm, caplog):
-    def build(model):
-        parts.add_box(model, "block", corner=(0, 0, 0), size=(0.02, 0.02, 0.02), cells=(2, 2, 2))
-
-    mesh, cells, _, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    stretch = fem.Constant(mesh, 1.0)
-
-    def psi(C):
-        elastic = C / stretch**2
-        J = ufl.sqrt(ufl.det(elastic))
-        return 2e5 * (ufl.tr(elastic) - 3 - 2 * ufl.ln(J)) + 1e6 * ufl.ln(J) ** 2
-
-    block = nts.Body(V, cells, tag["block"], nts.Hyperelastic(psi, rho=1e3))
+def test_energy_of_a_swelling_body_is_unaccounted_and_no_instability(comm):
+    block, stretch = swelling_box(comm, 0.02, 2)
 
     def swell(t):
-        stretch.value = 1 + 0.05 * min(t / 0.01, 1)
+        stretch.value = 1 + 0.05 * min(t / 0.1, 1)
 
     stepper = nts.CentralDifference([block], [], update=swell)
     errors, strain = [], []
-    for _ in stepper.run(until=0.02):  # several checks of the energy
+    for _ in stepper.run(until=0.2):
         errors.append(stepper.cell_energies[1])
         strain.append(stepper.cell_energies[0])
-    # It swells by a wave that never comes to rest.
-    assert max(strain) > 1e-7
+    assert stepper.step > 100  # the energy was checked while it swelled, and afterwards
+    assert max(strain) > 0  # it vibrates, as nothing damps the waves
     assert abs(sum(errors)) < 0.01 * max(strain)

@@ -10,10 +10,10 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import parts
 from dolfinx_nts.solvers import newton
 from helpers import scenes
 from helpers.models import box_meshes
+from helpers.models.swelling import swelling_box
 from helpers.once import once
 from helpers.scene import Scene, Totals
 
@@ -488,19 +488,8 @@ def test_a_load_that_update_sets_acts_as_a_function_of_time_does(comm, scheme, k
 
 
 def test_first_step_of_a_heated_body_converges_though_no_force_acted_before(comm):
-    def build(model):
-        parts.add_box(model, "held", corner=(0, 0, 0), size=(0.01, 0.01, 0.01), cells=(3, 3, 3))
-
-    mesh, cells, _, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    stretch = fem.Constant(mesh, 1.0)
-
-    def psi(C):
-        elastic = C / stretch**2
-        J = ufl.sqrt(ufl.det(elastic))
-        return 5e4 * (ufl.tr(elastic) - 3 - 2 * ufl.ln(J)) + 1e5 * ufl.ln(J) ** 2
-
-    block = nts.Body(V, cells, tag["held"], nts.Hyperelastic(psi, rho=1e3))
+    block, stretch = swelling_box(comm, 0.01, 3)
+    V = block.V
     Q, _ = V.sub(2).collapse()
     top = fem.locate_dofs_geometrical((V.sub(2), Q), lambda x: x[2] > 0.01 - 1e-9)
     hold = fem.dirichletbc(fem.Function(Q), top, V.sub(2))
