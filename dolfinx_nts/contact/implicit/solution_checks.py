@@ -39,8 +39,9 @@ __all__ = [
     "passing_without_contact",
 ]
 
-# Largest depth of an active node below an adjacent segment, and by how much this may exceed the
-# depth below its own one, relative to the size of a segment [-].
+# Largest depth of an active node below an adjacent segment, or of one without force in the middle
+# of the step, and by how much the former may exceed the depth below the node's own segment,
+# relative to the size of a segment [-].
 _DEEP, _DEEPER = 0.1, 0.05
 # Ratio of trial to computed relative motion of node and segment [-] below which a node moves from
 # rest, so that the trial motion does not predict contact. Larger: steps of vibrating bodies are
@@ -132,6 +133,8 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     size = step.state.segment_sizes[node]
     late = gap < np.fmin(before, 0.0) - LATE * size
     late &= normal.may_activate(node, before, gap)
+    # An elastic impact penetrates by up to half of the approach, where the mean gap is zero.
+    is_deep = (before + gap)[late] < -2 * _DEEP * size[late]
     node, gap = node[late], gap[late]
     if not len(node):
         return node, gap
@@ -143,7 +146,7 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
         for u in (search.approach.x - search.x_n, x - search.x_n)
     )
     from_rest = trial < _STILL * made
-    return node[from_rest], gap[from_rest]
+    return node[from_rest | is_deep], gap[from_rest | is_deep]
 
 
 def _is_exhaustive(

@@ -145,6 +145,31 @@ def test_impact_from_rest_within_the_search_obeys_the_law(pairing):
     assert lowest(stepper, bottom) == pytest.approx(0.0, abs=1e-9)  # gap of the start of the step
 
 
+@pytest.mark.serial
+def test_impact_that_only_acceleration_predicts_obeys_the_law():
+    """In its second step a block falls from 1.8 to 2.7 facets below the floor, if nothing stops it.
+
+    Half-way of the ballistic motion it is above the floor, and of the motion made below.
+    """
+    facet, dt = 0.25, 0.01
+
+    def build(model):
+        parts.add_rectangle(model, "block", corner=(0, 0), size=(1, 0.5), cells=(4, 2))
+
+    mesh, tags, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    block = nts.Body(V, tags, tag["block"], nts.NeoHookean(1e9, 0.0, 1e3))
+    bottom = nts.Surface(V, facets, tag["block_bottom"])
+    floor = nts.RigidPlane((0.0, -3.3 * facet), (0.0, 1.0))
+    pair = nts.ContactPair(bottom, floor, nts.LagrangeMultiplier(), method="node-to-segment")
+    gravity = nts.Gravity([block], (0.0, -2 * 1.5 * facet / dt**2))
+    stepper = nts.EnergyMomentum([block], [pair], dt=dt, loads=[gravity])
+    stepper.advance()
+    assert lowest(stepper, bottom) == pytest.approx(-1.5 * facet)
+    stepper.advance()
+    assert lowest(stepper, bottom) >= -(3.3 + 4.5 / 2) * facet
+
+
 def test_refusal_names_bodies_place_depth_and_remedy(monkeypatch):
     """The message of a step whose repeated solutions miss contact as well."""
     from dolfinx_nts.integrators.implicit import implicit_stepper
