@@ -60,15 +60,11 @@ from dolfinx_nts.model.loads.form_load import FormLoad
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.loads.resultants import Force, Moment
 from dolfinx_nts.model.loads.surface_loads import Pressure, Traction
+from dolfinx_nts.model.obstacles.exact_obstacle import ExactObstacle
 from dolfinx_nts.model.obstacles.motion import Motion
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.rigid_cone import RigidCone
-from dolfinx_nts.model.obstacles.rigid_shapes import (
-    ExactObstacle,
-    RigidCylinder,
-    RigidPlane,
-    RigidSphere,
-)
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.model.rigid_body import RigidBody

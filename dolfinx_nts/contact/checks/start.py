@@ -17,8 +17,8 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.closed_boundaries import outward_triangles
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles.distance_check import check_distance
+from dolfinx_nts.model.obstacles.exact_obstacle import ExactObstacle
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
-from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
 from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.obstacles.rims import FACET_EDGES
 from dolfinx_nts.model.segments import area_vectors, diameters

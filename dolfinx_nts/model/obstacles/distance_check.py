@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts.common.arguments import check_spelling, is_of_package, kind_of, positive
 from dolfinx_nts.common.arrays import Flags, Floats
-from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
+from dolfinx_nts.model.obstacles.exact_obstacle import ExactObstacle
 from dolfinx_nts.model.obstacles.user_distance import signed_distance
 
 __all__ = ["check_distance"]

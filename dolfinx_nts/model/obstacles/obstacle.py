@@ -1,8 +1,9 @@
 """Interface of rigid obstacles.
 
 An obstacle replaces the segments of a surface in a contact pair and has no unknowns. It is at rest
-or has a prescribed `Motion`. Its methods work in the frame of the obstacle, see `frames`. Planes,
-spheres and cylinders are in `rigid_shapes`, obstacles made of facets in `rigid_surface`.
+or has a prescribed `Motion`. Its methods work in the frame of the obstacle, see `frames`. Obstacles
+given by a signed distance are in `exact_obstacle`, planes, spheres and cylinders in `rigid_shapes`,
+obstacles made of facets in `rigid_surface`.
 """
 
 from abc import abstractmethod
