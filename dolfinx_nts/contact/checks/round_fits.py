@@ -31,9 +31,10 @@ _logger = logging.getLogger("dolfinx_nts")
 # the other [-], search radius relative to the longest facet [-], and least number of facets [-].
 _AROUND, _REACH, _FEWEST = 0.05, 0.5, 8
 # Gap of a facet relative to the deviation of facets [-] above which facets do not matter, and
-# length of the mean normal of an arc of facets [-] below which it is around the other body: 0.9
-# for an arc of 90 degrees. A pin in a hole with a ratio of 4 has 11 % too much force.
-_WIDE, _TURNED = 10.0, 0.9
+# length of the mean normal of an arc of facets [-] below which it is around the other body: 0.97
+# for an arc of 50 degrees, as in models of a sixth. A pin in a hole with a ratio of 4 has 11 % too
+# much force.
+_WIDE, _TURNED = 10.0, 0.97
 # Deviation from a round surface, and difference of the radii of both surfaces [-], above which
 # surfaces do not fit. Part of the normals along the axis of a cylinder [-], less than on spheres.
 _ROUND, _SIMILAR, _ALONG_AXIS = 0.15, 0.3, 0.02
@@ -76,7 +77,7 @@ def warn_of_round_fits(pairs: Sequence[ContactPair], bodies: Sequence[Body]) -> 
 
     Facets are chords of the round surfaces: the gap of a pin in a hole varies along each facet,
     unless the nodes of both lie opposite each other. Bodies fit if a connected arc of facets of one
-    of them, of 90 degrees or more, lies close to a surface of about the same radius of the other.
+    of them, of 50 degrees or more, lies close to a surface of about the same radius of the other.
 
     Args:
         pairs: The contact pairs.

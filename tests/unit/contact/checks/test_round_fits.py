@@ -1,6 +1,7 @@
 """Warning of round bodies in each other whose facets are too coarse for the gap."""
 
 import logging
+import math
 import re
 
 import pytest
@@ -55,6 +56,24 @@ def test_coarse_pin_in_hole_is_reported(comm, caplog, gap, num_pin, num_hole):
     assert len(found) == (comm.rank == 0)
     names = r"round surfaces of (pin and ring|ring and pin) fit"
     assert all(re.search(names, each) and "smooth=True" in each for each in found)
+
+
+@pytest.mark.parametrize("part", [90, 60])  # degrees
+def test_coarse_sector_of_a_tube_in_a_tube_is_reported(comm, caplog, part):
+    """Sectors of models with symmetry planes, with other facets on each side."""
+
+    def build(model):
+        occ = model.occ
+        for name, (inner, outer), number in (("balloon", (0.4, 0.5), 12), ("tube", (0.501, 1), 17)):
+            line = occ.addLine(occ.addPoint(inner, 0, 0), occ.addPoint(outer, 0, 0))
+            made = occ.revolve([(1, line)], 0, 0, 0, 0, 0, 1, math.radians(part), [number])
+            (surface,) = [tag for dim, tag in made if dim == 2]
+            occ.synchronize()
+            model.addPhysicalGroup(2, [surface], name=name)
+        model.mesh.generate(2)
+
+    found = warnings(caplog, comm, build)
+    assert len(found) == (comm.rank == 0)
 
 
 @pytest.mark.parametrize(
