@@ -64,9 +64,9 @@ def warn_of_double_nodes(
         if (double := count > 1).any():
             _logger.warning(
                 "body %s has %d nodes at the place of another one, for instance at %s: its cells "
-                "are not connected there, and pass through each other; merge the nodes "
-                "(gmsh.model.mesh.removeDuplicateNodes(), or occ.fragment before meshing), or for "
-                "a crack add self contact",
+                "are not connected there; right for a crack, whose faces self contact keeps apart; "
+                "otherwise merge the nodes (gmsh.model.mesh.removeDuplicateNodes(), or "
+                "occ.fragment before meshing)",
                 *(names[tag], int((count[double] - 1).sum())),
                 x[nodes[first[double][0]]].round(6).tolist(),
             )
