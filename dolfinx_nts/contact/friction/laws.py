@@ -42,7 +42,7 @@ class FrictionNodes:
 
     Args:
         of_surface: Nodes of the contact pair, ``n`` in number.
-        node: Positions of the nodes among these, shape ``(m,)``.
+        node: Indices of the nodes among these, shape ``(m,)``.
         area: Reference areas of the nodes of the pair, shape ``(n,)`` [m^2].
         slipped: Accumulated slip of the nodes of the pair at the start of the step, shape ``(n,)``
             [m].

@@ -117,7 +117,7 @@ class Limits:
         node may be able to stick and to slide. It slides if it slid before, and sticks otherwise.
 
         Args:
-            node: Positions of the nodes, shape ``(m,)``.
+            node: Indices among the nodes of the pair, shape ``(m,)``.
             p: Normal forces, shape ``(m,)`` [N].
             trial: Length of the trial traction, for sticking nodes, shape ``(m,)`` [N].
             eps_T: Stiffness of the springs, shape ``(m,)`` [N/m].
