@@ -9,7 +9,6 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-import ufl
 
 from dolfinx_nts.common.arrays import Floats
 
@@ -62,7 +61,7 @@ def _text(value: Any) -> str:
         return f"{float(value) + 0.0:.{_DIGITS}g}"  # not -0
     if isinstance(value, np.ndarray):
         return f"({', '.join(map(_text, value))})"
-    if callable(value) or isinstance(value, ufl.Constant):
+    if callable(value):
         return getattr(value, "__name__", type(value).__name__)
     return repr(value)
 

@@ -71,7 +71,7 @@ def check_supported(stepper: Any) -> None:
 
 
 def check_laws(stepper: Any, controls: Sequence[Any]) -> None:
-    """Check that no law of friction depends on a control, as this is not differentiated. Collective.
+    """Check that no law of friction, which is not differentiated, has a control. Collective.
 
     Args:
         stepper: The stepper.

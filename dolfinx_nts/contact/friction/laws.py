@@ -164,7 +164,7 @@ class FrictionLaw(Declaration):
 
     def __repr__(self) -> str:
         """Constructor call in one line. Local."""
-        return as_call(self, **vars(self))
+        return as_call(self, **{name: _shown(value) for name, value in vars(self).items()})
 
 
 class Coulomb(FrictionLaw):
@@ -345,9 +345,9 @@ class Tresca(FrictionLaw):
 
     Args:
         law: The law of friction that is limited; a number is the coefficient of `Coulomb`.
-        stress: Largest tangential force per reference area [Pa], a number, Constant or Function. The area
-            is that of the facets around a node that face the segments, or in mortar contact the
-            area that segments cover.
+        stress: Largest tangential force per reference area [Pa], a number, Constant or Function.
+            The area is that of the facets around a node that face the segments, or in mortar
+            contact the area that segments cover.
 
     Attributes:
         stress: The argument.
@@ -393,7 +393,7 @@ class Tresca(FrictionLaw):
         return f"{self._law_below.describe()}, up to {_words(self.stress)} Pa"
 
     def __repr__(self) -> str:
-        return as_call(self, law=self._law_below, stress=self.stress)
+        return as_call(self, law=self._law_below, stress=_shown(self.stress))
 
 
 def friction_law(law: FrictionLaw | float) -> FrictionLaw:
@@ -456,6 +456,11 @@ def _check_field(name: str, value: Any) -> None:
 
 def _stiffness(eps_T: float | None) -> float | None:
     return None if eps_T is None else positive("a tangential stiffness eps_T", eps_T)
+
+
+def _shown(value: Any) -> Any:
+    """What stands for a value in a ``repr``: the class of a Constant, whose own names the mesh."""
+    return type(value) if isinstance(value, fem.Constant) else value
 
 
 def _words(coefficient: Coefficient) -> str:
