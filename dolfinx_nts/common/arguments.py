@@ -15,6 +15,7 @@ from dolfinx_nts.common.arrays import Floats
 __all__ = [
     "as_call",
     "called",
+    "called_with_fixed",
     "check_call",
     "check_methods",
     "check_spelling",
@@ -194,6 +195,37 @@ def called(function: Callable[..., Any], name: str, *arguments: Any) -> Any:
     except TypeError as error:
         raise TypeError(f"expected {name}, given ({', '.join(call.parameters)}): {error}") from None
     return function(*arguments)
+
+
+def called_with_fixed(
+    function: Callable[..., Any], name: str, given: Any, advice: str, *arguments: Any
+) -> Any:
+    """Call a user-defined function, as `called`, with arrays that it cannot change. Local.
+
+    Args:
+        function: The function.
+        name: Name and arguments of the function in a message, such as ``limit(p, slip)``.
+        given: The object in a message whose method it is.
+        advice: How to write a change, such as ``x = x - c instead of x -= c``.
+        *arguments: Arguments by place.
+
+    Raises:
+        TypeError: The function takes other arguments.
+        ValueError: It changes an array.
+    """
+    fixed = [each.view() if isinstance(each, np.ndarray) else each for each in arguments]
+    for each in fixed:
+        if isinstance(each, np.ndarray):
+            each.flags.writeable = False
+    try:
+        return called(function, f"{name} of {type(given).__name__}", *fixed)
+    except ValueError as error:
+        if "read-only" not in str(error):
+            raise
+        raise ValueError(
+            f"expected {name} of {given!r} to leave its arguments unchanged, given one that "
+            f"changes them: write {advice}"
+        ) from error
 
 
 def functions_by_name(name: str, given: Any) -> dict[str, Any]:

@@ -65,6 +65,8 @@ class AcceptedContact(Protocol):
 class ContactPair(Declaration):
     """Contact between nodes of a surface and segments of another, or a rigid obstacle. Collective.
 
+    In the literature nodes are also called slave or secondary, and segments master or primary.
+
     For self contact, give the same surface twice; in a surface of several bodies, nodes of each
     also touch the other bodies. In self contact a node touches neither its neighbours on the mesh
     nor the opposite face of a thin wall (``cpp/nts/search/self_contact.h``). It must not move by

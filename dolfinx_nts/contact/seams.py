@@ -134,7 +134,7 @@ def _bodies_of(bodies: Sequence[Body], surface: Surface) -> Flags:
 
 
 def _in_front(surface: Surface) -> tuple[Ints, Ints, Floats]:
-    """Owned facets of a surface, their cells, and test points, ``(f, 3)`` [m]. Collective."""
+    """Owned facets of a surface, their cells, and points in front, ``(f, 3)`` [m]. Collective."""
     mesh = surface.V.mesh
     dim = mesh.topology.dim
     facets = surface.owned_facets

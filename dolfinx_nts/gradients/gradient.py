@@ -15,7 +15,7 @@ from dolfinx_nts.gradients.controls import InitialControl, ParameterControl, con
 from dolfinx_nts.gradients.objective import Objective, Term
 from dolfinx_nts.gradients.step_derivative import MotionState, StepDerivative, StepRecord
 from dolfinx_nts.gradients.stored_run import StoredRun
-from dolfinx_nts.gradients.support import check_supported, has_adjoint
+from dolfinx_nts.gradients.support import check_laws, check_supported, has_adjoint
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper, equations_of
 from dolfinx_nts.integrators.step_control import ROUND_OFF
 from dolfinx_nts.parallel import reductions
@@ -94,6 +94,7 @@ class Gradient:
         equations = equations_of(stepper)
         self._steps = StepDerivative(equations, self._parameters)
         values = [control.value for control in self._parameters]
+        check_laws(stepper, values)
         self._objective = Objective(objective, (stepper.u, stepper.v), values)
         self._check_occurrence(objective)
         self._start = Snapshot()

@@ -1,9 +1,11 @@
 """Which steppers have derivatives."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.friction.limits import coefficients_of
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.joint_state import members
@@ -14,7 +16,7 @@ from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["check_supported", "has_adjoint", "has_exact_derivative"]
+__all__ = ["check_laws", "check_supported", "has_adjoint", "has_exact_derivative"]
 
 
 def check_supported(stepper: Any) -> None:
@@ -66,6 +68,29 @@ def check_supported(stepper: Any) -> None:
                 f"{contact.segments.name}: the surface of a stiff body that its supports move has "
                 "derivatives"
             )
+
+
+def check_laws(stepper: Any, controls: Sequence[Any]) -> None:
+    """Check that no law of friction, which is not differentiated, has a control. Collective.
+
+    Args:
+        stepper: The stepper.
+        controls: Functions and Constants.
+
+    Raises:
+        ValueError: A law depends on one.
+    """
+    for pair in stepper.pairs:
+        if pair.friction is None:
+            continue
+        read = coefficients_of(pair.friction, pair.nodes)
+        for control in controls:
+            if reductions.anywhere(stepper.u.function_space.mesh.comm, control in read):
+                raise ValueError(
+                    "expected controls on which friction does not depend, given a "
+                    f"{type(control).__name__} in {pair.friction!r} of {pair.between}: use a copy "
+                    "with fixed values in the law of friction"
+                )
 
 
 def has_adjoint(pair: ContactPair) -> bool:

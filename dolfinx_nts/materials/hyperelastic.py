@@ -165,7 +165,7 @@ class Hyperelastic(StrainEnergy):
 
         Args:
             C: Right Cauchy-Green tensor, UFL (3, 3).
-            **parameters: Values of parameters of the energy, by name; others have their own.
+            **parameters: Parameters of the energy by name, in place of those of the material.
 
         Returns:
             Stress [Pa], UFL (3, 3).
@@ -225,7 +225,7 @@ class Hyperelastic(StrainEnergy):
 
         Args:
             C: Right Cauchy-Green tensor, UFL (3, 3); only its part in the plane is used.
-            **parameters: Values of parameters of the energy, by name; others have their own.
+            **parameters: Parameters of the energy by name, in place of those of the material.
 
         Returns:
             UFL scalar; None where there is no closed form.

@@ -57,7 +57,7 @@ class StrainEnergy(Declaration):
 
         Args:
             C: Right Cauchy-Green tensor, UFL (3, 3).
-            **parameters: Values of parameters of the energy, by name; others have their own.
+            **parameters: Parameters of the energy by name, in place of those of the material.
 
         Returns:
             Energy [J/m^3], a UFL scalar.

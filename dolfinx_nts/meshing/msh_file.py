@@ -170,7 +170,7 @@ class _Content:
         self._blocks: list[Block] = []
 
     def read_entities(self, numbers: _Numbers) -> None:
-        """Read the physical groups of the entities, format 4.1."""
+        """Read the physical groups of the entities from ``$Entities`` of format 4.1."""
         for dim, count in enumerate(_ints(numbers, "size", 4)):
             for _ in range(count):
                 (entity,) = _ints(numbers, "int", 1)
@@ -182,7 +182,7 @@ class _Content:
                 self._groups[dim, entity] = {abs(tag) for tag in tags}
 
     def read_nodes_4(self, numbers: _Numbers) -> None:
-        """Read nodes, format 4.1."""
+        """Read the section ``$Nodes`` of a file of format 4.1."""
         blocks = _ints(numbers, "size", 4)[0]
         for _ in range(blocks):
             dim, entity, parametric = _ints(numbers, "int", 3)
@@ -193,7 +193,7 @@ class _Content:
             self._nodes.append((dim, entity, own, x))
 
     def read_elements_4(self, numbers: _Numbers) -> None:
-        """Read elements, format 4.1."""
+        """Read the section ``$Elements`` of a file of format 4.1."""
         blocks = _ints(numbers, "size", 4)[0]
         for _ in range(blocks):
             dim, entity, kind = _ints(numbers, "int", 3)
@@ -204,11 +204,11 @@ class _Content:
             self._blocks.append(Block(dim, entity, kind, rows[:, 0], rows[:, 1:]))
 
     def read_nodes_2(self, numbers: _Numbers) -> None:
-        """Read nodes, format 2."""
+        """Read the section ``$Nodes`` of a file of format 2.2."""
         self._nodes.append((0, 0, *numbers.positions(numbers.heading())))
 
     def read_elements_2(self, numbers: _Numbers) -> None:
-        """Read elements and the physical groups of their entities, format 2."""
+        """Read ``$Elements``, with the physical groups of their entities, of format 2.2."""
         for kind, num_tags, rows in numbers.elements(numbers.heading()):
             # First tag: physical group, 0 for none; second: entity.
             tags = np.zeros((len(rows), 2), dtype=np.int64)

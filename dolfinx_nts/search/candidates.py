@@ -281,7 +281,7 @@ class Search(ABC):
 
     @property
     def rows(self) -> tuple[Ints, Ints]:
-        """Nodes and vertices of this rank, as local nodes of the space. Local."""
+        """This rank's nodes and vertices of segments, as local nodes of the space. Local."""
         return self._nodes.nodes, self._vertices
 
     def is_near(self, x: Floats, reach: float) -> bool:

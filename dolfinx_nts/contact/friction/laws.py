@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts.common.arguments import as_call, kind_of, nonnegative, positive
+from dolfinx_nts.common.arguments import as_call, kind_of, nonnegative, positive, with_article
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.fem.node_numbering import reference_positions
@@ -24,8 +24,9 @@ __all__ = [
     *("SlipWeakening", "Stribeck", "Tresca", "friction_law"),
 ]
 
-# A coefficient of friction: a number, or a scalar Function of the mesh, read at the nodes.
-Coefficient: TypeAlias = float | fem.Function
+# A coefficient of friction: a number, a scalar Constant, or a scalar Function of the mesh, read at
+# the nodes.
+Coefficient: TypeAlias = float | fem.Constant | fem.Function
 
 # Measures of slip, see `Coulomb`.
 SLIP_MEASURES = ("objective", "convective")
@@ -41,11 +42,11 @@ class FrictionNodes:
 
     Args:
         of_surface: Nodes of the contact pair, ``n`` in number.
-        node: Positions of the nodes among these, shape ``(m,)``.
+        node: Indices of the nodes among these, shape ``(m,)``.
         area: Reference areas of the nodes of the pair, shape ``(n,)`` [m^2].
         slipped: Accumulated slip of the nodes of the pair at the start of the step, shape ``(n,)``
             [m].
-        known: Values of Functions at the nodes of the pair, by Function.
+        known: Values of Functions and Constants at the nodes of the pair that have been read.
 
     Example:
         >>> class Adhesive(nts.FrictionLaw):
@@ -80,20 +81,28 @@ class FrictionNodes:
     def value(self, coefficient: Coefficient) -> Any:
         """Value of a coefficient at each node: the number itself, or shape ``(m,)``.
 
-        A Function is read once in each attempt at a step, at the reference positions of the nodes.
-        A discontinuous Function, such as one of degree 0, has the value of one of the adjacent
-        cells.
+        A Function or Constant is read once in each attempt at a step, a Function at the reference
+        positions of the nodes. A discontinuous Function, such as one of degree 0, has the value of
+        one of the adjacent cells.
+
+        Args:
+            coefficient: A number of any sign, a scalar Constant, or a scalar Function, such as a
+                temperature.
 
         Raises:
-            TypeError: The Function is not scalar.
-            ValueError: It belongs to another mesh.
+            TypeError: It is none of these, or not scalar.
+            ValueError: The Function belongs to another mesh, or has values at quadrature points
+                only.
         """
         if isinstance(coefficient, Real):
             return coefficient
+        _check_field("the coefficient of a friction law", coefficient)
         if coefficient not in self._known:
             nodes = self._of_surface
-            _coefficient("the coefficient of a friction law", coefficient)
-            self._known[coefficient] = _nodal_values(coefficient, nodes.V, nodes.nodes)
+            if isinstance(coefficient, fem.Constant):
+                self._known[coefficient] = np.full(len(nodes.nodes), float(coefficient.value))
+            else:
+                self._known[coefficient] = _nodal_values(coefficient, nodes.V, nodes.nodes)
         return self._known[coefficient][self._node]
 
 
@@ -155,15 +164,15 @@ class FrictionLaw(Declaration):
 
     def __repr__(self) -> str:
         """Constructor call in one line. Local."""
-        return as_call(self, **vars(self))
+        return as_call(self, **{name: _shown(value) for name, value in vars(self).items()})
 
 
 class Coulomb(FrictionLaw):
     """Coulomb's law of friction: a node sticks up to mu times the normal force.
 
     Args:
-        mu: Coefficient of friction [-]: a number, or a scalar Function of the mesh, evaluated at
-            the nodes at the beginning of each step.
+        mu: Coefficient of friction [-]: a number, or a scalar Constant or Function of the mesh,
+            evaluated at the nodes at the beginning of each step.
         eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is
             recoverable. None: no spring, so that a sticking node does not slip at all
             (multipliers). With normal contact by springs, None means a tangential spring that is
@@ -178,7 +187,7 @@ class Coulomb(FrictionLaw):
         mu, eps_T, law: The arguments.
 
     Raises:
-        TypeError: ``mu`` is neither a number nor a Function.
+        TypeError: ``mu`` is not a number, Constant or Function, or not scalar.
         ValueError: ``mu`` is negative, ``eps_T`` not positive, or there is no such ``law``.
 
     Example:
@@ -211,8 +220,7 @@ class Coulomb(FrictionLaw):
         return not (isinstance(self.mu, Real) and self.mu == 0)
 
     def describe(self) -> str:
-        mu = f"{self.mu:g}" if isinstance(self.mu, Real) else "a Function"
-        return f"Coulomb friction with mu = {mu}"
+        return f"Coulomb friction with mu = {_words(self.mu)}"
 
 
 class Stribeck(FrictionLaw):
@@ -225,8 +233,8 @@ class Stribeck(FrictionLaw):
     that slid continues to slide.
 
     Args:
-        static: Static coefficient mu_s [-], a number or a Function, as for `Coulomb`.
-        kinetic: Kinetic coefficient mu_k [-], a number or a Function, as for `Coulomb`.
+        static: Static coefficient mu_s [-], a number, Constant or Function, as `Coulomb`.
+        kinetic: Kinetic coefficient mu_k [-], a number, Constant or Function, as `Coulomb`.
         speed: Speed v_s over which the coefficient falls from one to the other [m/s]; 0: static
             where a node sticks, kinetic where it slides.
         viscous: Slope c of the coefficient at high speeds [s/m].
@@ -237,7 +245,7 @@ class Stribeck(FrictionLaw):
         static, kinetic, speed, viscous, power, eps_T: The arguments.
 
     Raises:
-        TypeError: A coefficient is neither a number nor a Function.
+        TypeError: A coefficient is not a number, Constant or Function, or not scalar.
         ValueError: A number is negative, ``eps_T`` not positive, ``power`` below 1.
 
     Example:
@@ -255,7 +263,7 @@ class Stribeck(FrictionLaw):
         power: float = 1.0,
         eps_T: float | None = None,
     ) -> None:
-        """Check the numbers."""
+        """Check the arguments."""
         self.static = _coefficient("a static coefficient of friction", static)
         self.kinetic = _coefficient("a kinetic coefficient of friction", kinetic)
         self.speed = nonnegative("a speed of the decay of friction", speed)
@@ -289,8 +297,8 @@ class SlipWeakening(FrictionLaw):
     s is the accumulated slip of a node, as in ``ContactPair.history.slip``. It never decreases.
 
     Args:
-        static: Static coefficient mu_s [-], a number or a Function, as for `Coulomb`.
-        kinetic: Kinetic coefficient mu_k [-], a number or a Function, as for `Coulomb`.
+        static: Static coefficient mu_s [-], a number, Constant or Function, as `Coulomb`.
+        kinetic: Kinetic coefficient mu_k [-], a number, Constant or Function, as `Coulomb`.
         length: Decay length L [m].
         eps_T: See `Coulomb`.
 
@@ -298,7 +306,7 @@ class SlipWeakening(FrictionLaw):
         static, kinetic, length, eps_T: The arguments.
 
     Raises:
-        TypeError: A coefficient is neither a number nor a Function.
+        TypeError: A coefficient is not a number, Constant or Function, or not scalar.
         ValueError: A number is negative, ``length`` or ``eps_T`` not positive.
 
     Example:
@@ -314,7 +322,7 @@ class SlipWeakening(FrictionLaw):
         length: float,
         eps_T: float | None = None,
     ) -> None:
-        """Check the numbers."""
+        """Check the arguments."""
         self.static = _coefficient("a static coefficient of friction", static)
         self.kinetic = _coefficient("a kinetic coefficient of friction", kinetic)
         self.length = positive("a length of the decay of friction", length)
@@ -337,9 +345,9 @@ class Tresca(FrictionLaw):
 
     Args:
         law: The law of friction that is limited; a number is the coefficient of `Coulomb`.
-        stress: Largest tangential force per reference area [Pa], a number or a Function. The area
-            is that of the facets around a node that face the segments, or in mortar contact the
-            area that segments cover.
+        stress: Largest tangential force per reference area [Pa], a number, Constant or Function.
+            The area is that of the facets around a node that face the segments, or in mortar
+            contact the area that segments cover.
 
     Attributes:
         stress: The argument.
@@ -385,7 +393,7 @@ class Tresca(FrictionLaw):
         return f"{self._law_below.describe()}, up to {_words(self.stress)} Pa"
 
     def __repr__(self) -> str:
-        return as_call(self, law=self._law_below, stress=self.stress)
+        return as_call(self, law=self._law_below, stress=_shown(self.stress))
 
 
 def friction_law(law: FrictionLaw | float) -> FrictionLaw:
@@ -419,17 +427,43 @@ def _nodal_values(function: fem.Function, V: fem.FunctionSpace, nodes: Ints) -> 
 
 
 def _coefficient(name: str, value: Coefficient) -> Coefficient:
-    """Check a coefficient: a number >= 0, or a scalar Function."""
-    if not isinstance(value, fem.Function):
+    """Check a coefficient: a number >= 0, a scalar Constant or a scalar Function."""
+    if isinstance(value, Real):
         return nonnegative(name, value)
-    if value.ufl_shape:
-        raise TypeError(f"expected {name} as a scalar Function, given shape {value.ufl_shape}")
+    _check_field(name, value)
     return value
+
+
+def _check_field(name: str, value: Any) -> None:
+    """Check that a coefficient other than a number has a value at each node."""
+    if not isinstance(value, fem.Constant | fem.Function):
+        raise TypeError(
+            f"expected {name} as a number, a fem.Constant or a fem.Function, given "
+            f"{kind_of(value)}: interpolate an expression into a Function"
+        )
+    if value.ufl_shape:
+        raise TypeError(
+            f"expected {name} as a scalar {type(value).__name__}, given shape {value.ufl_shape}"
+        )
+    if isinstance(value, fem.Function):
+        element = value.function_space.ufl_element()
+        if element.family_name == "quadrature":
+            raise ValueError(
+                f"expected {name} as a Function with a value at each node, given one with values "
+                'at quadrature points: interpolate it into ("Discontinuous Lagrange", 0)'
+            )
 
 
 def _stiffness(eps_T: float | None) -> float | None:
     return None if eps_T is None else positive("a tangential stiffness eps_T", eps_T)
 
 
+def _shown(value: Any) -> Any:
+    """What stands for a value in a ``repr``: the class of a Constant, whose own names the mesh."""
+    return type(value) if isinstance(value, fem.Constant) else value
+
+
 def _words(coefficient: Coefficient) -> str:
-    return f"{coefficient:g}" if isinstance(coefficient, Real) else "a Function"
+    if isinstance(coefficient, Real):
+        return f"{coefficient:g}"
+    return with_article(type(coefficient).__name__)

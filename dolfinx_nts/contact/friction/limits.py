@@ -4,12 +4,13 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from dolfinx import fem
 
-from dolfinx_nts.common.arguments import called, check_spelling, positive
+from dolfinx_nts.common.arguments import called_with_fixed, check_spelling, positive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction.laws import SLIP_MEASURES, FrictionLaw, FrictionNodes
 
-__all__ = ["Limits", "NodalLimit", "check_law"]
+__all__ = ["Limits", "NodalLimit", "check_law", "coefficients_of"]
 
 # Largest number of iterations for the slip of springs [-]; bisection alone needs 52.
 _MOST_ITERATIONS = 60
@@ -60,6 +61,7 @@ class Limits:
 
     Attributes:
         depends_on_slip: Whether limits depend on the slip.
+        coefficients: Values of Functions and Constants at the nodes that the law has read.
     """
 
     def __init__(
@@ -72,7 +74,7 @@ class Limits:
     ) -> None:
         self._law, self._nodes, self._dt = law, nodes, dt
         self._area, self._slipped = area, slipped
-        self._known: dict[Any, Floats] = {}
+        self.coefficients: dict[Any, Floats] = {}
         self.depends_on_slip = law.depends_on_slip
 
     def at(self, node: Ints, p: Floats, slip: Floats | None = None) -> NodalLimit:
@@ -86,7 +88,7 @@ class Limits:
         """
         pressed = np.maximum(p, 0.0)
         slip = np.zeros(len(p)) if slip is None else slip
-        nodes = FrictionNodes(self._nodes, node, self._area(), self._slipped, self._known)
+        nodes = FrictionNodes(self._nodes, node, self._area(), self._slipped, self.coefficients)
         force, *slopes = _arrays(self._law, p.shape, pressed, slip, self._dt, nodes)
         by_p, by_slip = (np.where((pressed > 0) | np.isfinite(x), x, 0.0) for x in slopes)
         given = np.isfinite(pressed) & np.isfinite(slip)
@@ -115,7 +117,7 @@ class Limits:
         node may be able to stick and to slide. It slides if it slid before, and sticks otherwise.
 
         Args:
-            node: Positions of the nodes, shape ``(m,)``.
+            node: Indices among the nodes of the pair, shape ``(m,)``.
             p: Normal forces, shape ``(m,)`` [N].
             trial: Length of the trial traction, for sticking nodes, shape ``(m,)`` [N].
             eps_T: Stiffness of the springs, shape ``(m,)`` [N/m].
@@ -186,6 +188,27 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
         _check_derivatives(law, nodes, dt)
 
 
+def coefficients_of(law: FrictionLaw, nodes: Any) -> set[Any]:
+    """Functions and Constants on which the limit of a law depends at this rank's nodes.
+
+    Collective, as is the area of the nodes at its first use.
+
+    Args:
+        law: The law.
+        nodes: Nodes of the contact pair.
+
+    Returns:
+        What the law reads by `FrictionNodes.value`, and its attributes.
+    """
+    n, area = len(nodes.nodes), nodes.positive_area
+    limits = Limits(law, nodes, 1.0, lambda: area, np.zeros(n))
+    if n:
+        limits.at(np.arange(n, dtype=np.int32), np.ones(n))
+    kinds = fem.Constant | fem.Function
+    attributes = (each for each in vars(law).values() if isinstance(each, kinds))
+    return {*limits.coefficients, *attributes}
+
+
 def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     """Compare derivatives of a law in a step dt [s] with one-sided differences of the limit. Local.
 
@@ -227,10 +250,10 @@ def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
 
 def _arrays(law: FrictionLaw, shape: tuple[int, ...], *arguments: Any) -> list[Floats]:
     """Limit and both derivatives of a law as arrays of a shape. Local."""
-    call = f"limit(p, slip, dt, nodes) of {type(law).__name__}"
+    call, advice = "limit(p, slip, dt, nodes)", "p = mu * p instead of p *= mu"
     with np.errstate(divide="ignore", invalid="ignore"):
         # Derivatives may be infinite at p = 0; all values are checked.
-        found = called(law.limit, call, *arguments)
+        found = called_with_fixed(law.limit, call, law, advice, *arguments)
     if isinstance(found, tuple | list) and len(found) == 3:
         try:
             values = [np.asarray(each, dtype=np.float64) for each in found]

@@ -214,7 +214,7 @@ class ContactStep:
 
     @property
     def unsettled(self) -> Ints:
-        """Positions of this rank's nodes that changed segment or state repeatedly. Local."""
+        """Indices in the pair of nodes that changed segment or state repeatedly. Local."""
         flips = self.normal.flips + self.friction.flips
         nodes: Ints = (self.search.unsettled | (flips >= _UNSETTLED)).nonzero()[0].astype(np.int32)
         return nodes

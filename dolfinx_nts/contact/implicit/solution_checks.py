@@ -104,7 +104,7 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     """Nodes that are eligible by the computed motion, but not by the trial motion. Local.
 
     Returns:
-        Positions among the surface's nodes, and the gaps at the end of the step [m].
+        Indices among the nodes of the surface, and the gaps at the end of the step [m].
     """
     search, normal, x = step.search, step.normal, step.x
     gap_n, gap_trial = search.approach.gap_n, search.approach.gap
@@ -195,7 +195,7 @@ def _message(step: ContactStep, node: Ints, gap: Floats, x: Floats) -> str:
 
     Args:
         step: Contact of their surface.
-        node: Positions among the nodes of the surface, shape ``(m,)``.
+        node: Indices among the nodes of the surface, shape ``(m,)``.
         gap: Their gaps, shape ``(m,)`` [m].
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
     """

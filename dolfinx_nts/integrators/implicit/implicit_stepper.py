@@ -24,6 +24,7 @@ from dolfinx import fem
 
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arguments import kind_of, with_article
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.checks.short_contacts import ShortContacts
 from dolfinx_nts.contact.checks.stiff_nodes import warn_of_stiff_nodes
@@ -121,11 +122,7 @@ class ImplicitStepper(Stepper):
         update: Callable[[float], None] | None = None,
         petsc_options: Mapping[str, Any] | None = None,
     ) -> None:
-        if not isinstance(getattr(self, "scheme", None), Scheme):
-            raise TypeError(
-                f"expected a Scheme as the attribute scheme of {type(self).__name__}, set before "
-                f"super().__init__(), given {getattr(self, 'scheme', 'none')!r}"
-            )
+        self._check_scheme()
         super().__init__(bodies, pairs, dt=dt, bcs=bcs, loads=loads, update=update)
         check_stress(self.scheme, self.bodies)
         self._rates = make_rates(self.scheme, self, self._dt, bodies)
@@ -216,6 +213,32 @@ class ImplicitStepper(Stepper):
     @property
     def _sizes(self) -> CellSizes:
         return self._step_solver.sizes
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set an attribute.
+
+        Raises:
+            AttributeError: It is the scheme, which has been evaluated.
+        """
+        if name == "scheme" and "_rates" in vars(self):
+            kind = type(self).__name__
+            raise AttributeError(
+                f"expected no change of scheme after the creation of {with_article(kind)}: set it "
+                "before super().__init__(), or create another stepper"
+            )
+        super().__setattr__(name, value)
+
+    def _check_scheme(self) -> None:
+        """Check that there is a scheme for this kind of stepper.
+
+        Raises:
+            TypeError: There is none.
+        """
+        if not isinstance(given := getattr(self, "scheme", None), Scheme):
+            raise TypeError(
+                f"expected a Scheme as the attribute scheme of {type(self).__name__}, set before "
+                f"super().__init__(), given {'none' if given is None else kind_of(given)}"
+            )
 
     @property
     def _is_static(self) -> bool:

@@ -135,6 +135,14 @@ class QuasiStatic(ImplicitStepper):
         loads_at="end",
     )
 
+    def _check_scheme(self) -> None:
+        super()._check_scheme()
+        if self.scheme.rates is not NoRates:
+            raise TypeError(
+                f"expected no attribute scheme of {type(self).__name__}, as QuasiStatic has no "
+                "inertia: derive from ImplicitStepper for a scheme of your own"
+            )
+
     def _static_increment(self) -> float:
         return self._increment
 

@@ -15,18 +15,12 @@ import re
 import time
 from pathlib import Path
 
-from mpi4py import MPI
-
-import numpy as np
-
-from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.atomic_file import hdf5_file_image, replace
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
-from dolfinx_nts.io.fields_folder import FieldsFolder
+from dolfinx_nts.io.formats.fields_file import FieldsFile
 from dolfinx_nts.io.formats.vtkhdf_index import Block, Field, grid_arrays, write_index
-from dolfinx_nts.io.states import States
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.parallel.errors import all_come
 from dolfinx_nts.parallel.slabs import Slab
@@ -44,25 +38,14 @@ _OWN = re.compile(r"(\d{9}-\d{9}|grid)\.h5(\.new)?")
 _LATEST, _RARELY, _MOST = 1.0, 30.0, 2**26
 
 
-class VtkHdfFile:
-    """Writes the fields of a run and the number of the body of each cell.
+class VtkHdfFile(FieldsFile):
+    """Writes the fields of a run as VTKHDF, ``run.vtkhdf``; see the module and `FieldsFile`."""
 
-    Cells of degree 2 are divided into cells of degree 1 between their nodes: eight in space, four
-    in the plane. Collective, as are all methods except `check`.
-
-    Args:
-        path: The VTKHDF file. The folder next to it has its name with ``_fields`` in the place
-            of ``.vtkhdf``.
-        stepper: Stepper whose states are written.
-        fields: Fields of each state.
-    """
+    _own = _OWN
 
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
-        self._stepper, self._path = stepper, path
-        self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
-        self._rows_of = States(stepper, fields).rows
-        self._folder = FieldsFolder(path, _OWN)
-        self._steps: set[int] = set()
+        super().__init__(path, stepper, fields)
+        self._path = path
         self._grid: dict[str, Field] = {}
         self._blocks: list[Block] = []
         # Buffered states with step and time, and deadline for writing them [s].
@@ -71,34 +54,7 @@ class VtkHdfFile:
         # Written states, whose memory is reused.
         self._former: list[dict[str, Slab]] = []
 
-    def check(self) -> None:
-        """Check that the files can be written. Local.
-
-        Raises:
-            OSError: A file or the folder cannot be replaced.
-        """
-        self._folder.check()
-
-    def serialize(self, archive: Archive) -> None:
-        """Serialize the steps whose states have been written.
-
-        Args:
-            archive: Archive that stores the steps, or returns the steps that `open` expects.
-        """
-        steps = np.array(sorted(self._steps), dtype=np.int64)
-        self._steps = set(map(int, archive.same("field_steps", steps)))
-
     def open(self, resume: bool) -> None:
-        """Write the mesh, and remove the states that do not belong to the run.
-
-        Args:
-            resume: Whether to continue the states up to the current step. Otherwise all states
-                of an earlier run are removed. If a state is damaged or missing, a warning is
-                logged, and all are moved to another folder.
-
-        Raises:
-            OSError: The files cannot be written.
-        """
         cell = self._stepper.u.function_space.mesh.topology.cell_name()
         arrays = grid_arrays(mesh_arrays(self._stepper), cell)
         self._grid = {name: Field.of(slab) for name, slab in arrays.items()}
@@ -107,15 +63,6 @@ class VtkHdfFile:
         self._folder.write(self._comm, _GRID, {name: [slab] for name, slab in arrays.items()}, {})
 
     def write(self, now: CurrentState) -> None:
-        """Buffer the current state for writing, unless this was done before.
-
-        Args:
-            now: Current state of the stepper.
-
-        Raises:
-            OSError: States cannot be written, for instance because the disk is full. The
-                earlier ones are unchanged.
-        """
         step = self._stepper.step
         if step in self._steps:
             return
@@ -126,16 +73,13 @@ class VtkHdfFile:
             self._write_buffered()
 
     def flush(self) -> None:
-        """Wait until the disk has all states, so that they survive a power failure."""
         self._write_buffered()
-        on_root(self._comm, self._folder.sync)
+        super().flush()
 
     def close(self) -> None:
-        """Write the buffered states."""
         self._write_buffered()
 
     def leave(self) -> None:
-        """Write buffered states after an error, unless ranks are in different steps."""
         if self._buffered and all_come(self._comm, f"write the last fields of {self._path}"):
             self._write_buffered()
 
@@ -163,7 +107,7 @@ class VtkHdfFile:
         return time.monotonic() >= self._due or size >= _MOST
 
     def _add(self, block: Block, start: float) -> None:
-        """Add a block, whose writing began at the time ``begin`` [s], to the index."""
+        """Add a block, whose writing began at the time ``start`` [s], to the index."""
         self._blocks.append(block)
         self._write_index()
         now = time.monotonic()

@@ -14,18 +14,14 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
 
-from mpi4py import MPI
-
 import h5py
-import numpy as np
 
-from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.diagnostics.current_state import CurrentState
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
-from dolfinx_nts.io.fields_folder import FieldsFolder
+from dolfinx_nts.io.formats.fields_file import FieldsFile
 from dolfinx_nts.io.formats.xml_series import XmlSeries
-from dolfinx_nts.io.states import CELLS, States
+from dolfinx_nts.io.states import CELLS
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.parallel.slabs import Slab
 
@@ -125,74 +121,26 @@ def _item(file: str, name: str, values: Any) -> str:
     )
 
 
-class XdmfFile:
-    """Writes the fields of a run and the number of the body of each cell.
+class XdmfFile(FieldsFile):
+    """Writes the fields of a run as XDMF, ``run.xdmf``; see the module and `FieldsFile`."""
 
-    Cells of degree 2 are divided into cells of degree 1 between their nodes: eight in space, four
-    in the plane. Collective, as are all methods except `check`.
-
-    Args:
-        path: The XDMF file. The folder next to it has its name with ``_fields`` in the place of
-            ``.xdmf``.
-        stepper: Stepper whose states are written.
-        fields: Fields of each state.
-    """
+    _own = _OWN
 
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
-        self._stepper = stepper
-        self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
-        self._rows_of = States(stepper, fields).rows
-        self._folder = FieldsFolder(path, _OWN)
+        super().__init__(path, stepper, fields)
         first = path.name[0]
         # VTK drops a leading space and leading letters that are not ASCII.
         self._prefix = "" if first.isascii() and first != " " else "./"
         self._series = XmlSeries(path, _HEAD, _TAIL)
         self._mesh_xml = ""
         self._cell = stepper.u.function_space.mesh.topology.cell_name()
-        self._steps: set[int] = set()
-
-    def check(self) -> None:
-        """Check that the file and its folder can be written. Local.
-
-        Raises:
-            OSError: One of the files, or the folder, cannot be created or replaced.
-        """
-        self._folder.check()
-
-    def serialize(self, archive: Archive) -> None:
-        """Serialize the steps whose states have been written.
-
-        Args:
-            archive: Archive that stores the steps, or returns the steps that `open` expects.
-        """
-        steps = np.array(sorted(self._steps), dtype=np.int64)
-        self._steps = set(map(int, archive.same("field_steps", steps)))
 
     def open(self, resume: bool) -> None:
-        """Write the mesh, and remove the states that do not belong to the run.
-
-        Args:
-            resume: Whether to continue the states up to the current step. Otherwise all states
-                of an earlier run are removed. If one of them is damaged or missing, a warning
-                is issued, and all are moved to another folder.
-
-        Raises:
-            OSError: The files cannot be written.
-        """
         mesh = mesh_arrays(self._stepper)
         self._steps = on_root(self._comm, lambda: self._begin(mesh, resume))
         self._folder.write(self._comm, _MESH, {name: [slab] for name, slab in mesh.items()}, {})
 
     def write(self, now: CurrentState) -> None:
-        """Write the current state, unless it was written before.
-
-        Args:
-            now: Current state of the stepper.
-
-        Raises:
-            OSError: The state cannot be written, for instance because the disk is full. The
-                earlier states are unchanged.
-        """
         step = self._stepper.step
         if step in self._steps:
             return
@@ -201,10 +149,6 @@ class XdmfFile:
         self._folder.write(self._comm, name, slabs, {"time": t})
         on_root(self._comm, lambda: self._series.append(self._state_xml(name, t, fields)))
         self._steps.add(step)
-
-    def flush(self) -> None:
-        """Wait until the disk has all states, so that they survive a power failure."""
-        on_root(self._comm, self._folder.sync)
 
     def close(self) -> None:
         """Remove the padding for more states from the XDMF file."""

@@ -186,10 +186,9 @@ class ExactObstacle(Obstacle):
     def _curvature(self, x: Floats) -> Floats:
         """Derivative of the normal w.r.t. the position, shape ``(m, 3, 3)`` [1/m]."""
         size = _DIFFERENCE * max(float(np.abs(x).max(initial=0.0)), np.finfo(float).tiny)
-        rows = [
-            (self._found(x + h)[1] - self._found(x - h)[1]) / (2 * size) for h in size * np.eye(3)
-        ]
-        curvature: Floats = np.stack(rows, axis=2)
+        curvature: Floats = np.zeros((*x.shape, 3))
+        for i, h in enumerate(size * np.eye(3)[: self.dim]):
+            curvature[:, :, i] = (self._found(x + h)[1] - self._found(x - h)[1]) / (2 * size)
         return curvature
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import called
+from dolfinx_nts.common.arguments import called_with_fixed
 from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["signed_distance", "without_nan"]
@@ -24,17 +24,8 @@ def signed_distance(obstacle: Any, x: Floats) -> Any:
         TypeError: The method takes other arguments.
         ValueError: It changes the positions, or returns arrays of another type than float64.
     """
-    fixed = x.view()
-    fixed.flags.writeable = False
-    try:
-        found = called(obstacle.distance, f"distance(x) of {type(obstacle).__name__}", fixed)
-    except ValueError as error:
-        if "read-only" not in str(error):
-            raise
-        raise ValueError(
-            f"expected distance(x) of {obstacle!r} to leave x unchanged, given one that changes "
-            "it: write x = x - c instead of x -= c"
-        ) from error
+    advice = "x = x - c instead of x -= c"
+    found = called_with_fixed(obstacle.distance, "distance(x)", obstacle, advice, x)
     if not isinstance(found, tuple | list):
         return found
     return tuple(_as_floats(obstacle, each) for each in found)

@@ -93,7 +93,14 @@ class FacetCandidates(SegmentCandidates):
     def of_points(self, points: ContactPoints, segment: Ints, states: Sequence[Floats]) -> Ints:
         """Facet of each point, or its plane if the point is far outside in any state. Local.
 
-        Returns numbers as described for the class, shape ``(m,)``.
+        Args:
+            points: Contact points, ``m`` in number.
+            segment: Segment of each point, shape ``(m,)``.
+            states: Positions of the local nodes of the space, each of shape ``(l, 3)`` [m].
+
+        Returns:
+            Number of the segment, or for its plane that number plus the number of all segments,
+            shape ``(m,)``.
         """
         if self._of_flat is None:
             return segment

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from basix.ufl import quadrature_element
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
@@ -191,3 +192,53 @@ def test_limits_that_differ_in_a_second_call_are_refused():
 
     with pytest.raises(ValueError, match=r"expected the same limits of Worn\(\) .* second call"):
         check_law(Worn(), NODES)
+
+
+@pytest.mark.parametrize("name", ["p", "slip"])
+def test_law_that_changes_its_arguments_is_refused(name):
+    """Regression: the slip of the next iteration was another one."""
+
+    class InPlace(nts.FrictionLaw):
+        def limit(self, p, slip, dt, nodes):
+            changed = {"p": p, "slip": slip}[name]
+            changed *= 0.5
+            return 0.3 * p, 0.3, 0.0
+
+    message = r"expected limit\(p, slip, dt, nodes\) of InPlace\(\) to leave its arguments unchang"
+    with pytest.raises(ValueError, match=message):
+        check_law(InPlace(), NODES)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ([1.0, 2.0], TypeError, "a number, a fem.Constant or a fem.Function, given list"),
+        ("expression", TypeError, "given Product: interpolate an expression"),
+        ((1.0, 2.0), TypeError, r"as a scalar Constant, given shape \(2,\)"),
+        (quadrature_element("triangle", degree=2), ValueError, "values at quadrature points"),
+    ],
+    ids=["list", "expression", "vector", "quadrature"],
+)
+def test_value_of_what_has_none_at_a_node_is_refused(comm, given, error, message):
+    """Regression: the one at quadrature points ended the process."""
+    square = mesh.create_unit_square(comm, 1, 1)
+    if given == "expression":
+        given = 2.0 * fem.Constant(square, 1.0)
+    elif isinstance(given, tuple):
+        given = fem.Constant(square, given)
+    elif hasattr(given, "family_name"):
+        given = fem.Function(fem.functionspace(square, given))
+    nodes = FrictionNodes(NODES, np.arange(9, dtype=np.int32), np.ones(9), np.zeros(9), {})
+    with pytest.raises(error, match=message):
+        nodes.value(given)
+
+
+def test_constant_is_a_coefficient(comm):
+    mu = fem.Constant(mesh.create_unit_square(comm, 1, 1), 0.3)
+    law = nts.Tresca(nts.Coulomb(mu), stress=mu)
+    assert law.describe() == "Coulomb friction with mu = a Constant, up to a Constant Pa"
+    assert repr(nts.Coulomb(mu)) == "Coulomb(mu=Constant, eps_T=None, law='objective')"
+    check_law(law, NODES)
+    limits = Limits(law, NODES, 0.1, lambda: NODES.positive_area, np.zeros(9))
+    node = np.arange(9, dtype=np.int32)
+    np.testing.assert_allclose(limits.at(node, np.full(9, 1e-3)).force, 3e-4, rtol=1e-15)

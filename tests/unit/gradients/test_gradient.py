@@ -47,6 +47,8 @@ def impact(comm, scheme=nts.EnergyMomentum, *, steps=8, clamped=True, degree=1, 
     shapes, sizes = [(3, 3, 1), (2, 2, 2)], [(1.2, 1.2, 0.4), (0.6, 0.6, 0.5)]
     V, facets, tag, bodies, controls = boxes(comm, shapes, sizes, degree=degree)
     obstacle = contact.pop("obstacle", None)
+    if law := contact.pop("law", None):
+        contact["friction"] = law(controls[0])
     below = obstacle or nts.Surface(V, facets, tag["top 0"])
     pair = nts.ContactPair(nts.Surface(V, facets, tag["bottom 1"]), below, **contact)
     floor = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
@@ -268,6 +270,28 @@ def test_parts_without_derivatives_are_refused(comm, refused):
     stepper, controls, J, until = impact(comm, enforcement=nts.LagrangeMultiplier(), **NODES)
     with refused(ValueError, "expected contact by springs"):
         nts.Gradient(stepper, controls, J, until=until)
+
+
+@pytest.mark.parametrize("reads", ["built-in", "value", "attribute"])
+def test_control_on_which_friction_depends_is_refused(comm, refused, reads):
+    """Regression: the slope left out the change of friction."""
+
+    class Own(nts.FrictionLaw):
+        def __init__(self, factor):
+            self.factor = factor
+
+        def limit(self, p, slip, dt, nodes):
+            is_read = reads == "value"
+            mu = 1e-3 * (nodes.value(self.factor) if is_read else float(self.factor.value))
+            return mu * p, mu, 0.0
+
+    def law(mu):
+        return nts.Coulomb(mu) if reads == "built-in" else Own(mu)
+
+    stepper, controls, J, until = impact(comm, law=law, **NODES)
+    with refused(ValueError, "controls on which friction does not depend, given a Constant in"):
+        nts.Gradient(stepper, controls[:1], J, until=until)
+    nts.Gradient(stepper, controls[1:], J, until=until)
 
 
 def test_steps_that_choose_contact_points_again_are_refused_in_the_run(comm, refused, monkeypatch):

@@ -62,6 +62,12 @@ def test_right_scheme_is_accepted(box):
             {"stress": lambda *arguments: -stress(*arguments)},
             r"expected the first Piola-Kirchhoff stress F S\(F\^T F\)",
         ),
+        (
+            {"stress": lambda m, p, F_n, F: F * m.stress(F.T * F)},
+            r"depends on its argument parameters, .* write material\.stress\(C, \*\*parameters\)",
+        ),
+        ({"contact": "midpoint"}, "expected contact 'static' .* given 'midpoint', .* first order"),
+        ({"contact": "conserving"}, "expected contact 'static' .* given 'conserving'"),
         ({"load_point": 0.5}, "expected load_point of the Scheme to be 1.*given 0.5.*first order"),
         ({"stress_share": 0.5}, "weight of the end of the step in its stress, .* given 0.5"),
         (
@@ -140,6 +146,7 @@ def test_missing_scheme_and_missing_call_of_the_base_class_are_named(box):
     [
         (nts.CentralDifference, "which CentralDifference ignores: .*ImplicitStep"),
         (nts.GeneralizedAlpha, "as .*ImplicitStep"),
+        (nts.QuasiStatic, "as QuasiStatic has no inertia: .*ImplicitStep"),
     ],
 )
 def test_scheme_of_a_stepper_that_has_its_own_is_refused(box, kind, reason):
@@ -150,7 +157,7 @@ def test_scheme_of_a_stepper_that_has_its_own_is_refused(box, kind, reason):
 
 
 def test_subclass_without_a_scheme_is_a_stepper(box):
-    for kind in (nts.CentralDifference, nts.GeneralizedAlpha):
+    for kind in (nts.CentralDifference, nts.GeneralizedAlpha, nts.QuasiStatic):
         type("Own", (kind,), {})([box.body], dt=1e-6)
 
 
@@ -158,3 +165,18 @@ def test_scheme_of_wood_bossak_and_zienkiewicz_is_accepted(box):
     a = -0.1
     rates = partial(nts.NewmarkRates, nts.Newmark(a, 0.0, (1 - a) ** 2 / 4, 0.5 - a))
     assert stepper_of(box, rates=rates).advance().newton_iterations >= 0
+
+
+def test_scheme_that_is_set_after_the_creation_is_refused(box):
+    """Regression: it was ignored."""
+    stepper = stepper_of(box)
+    with pytest.raises(AttributeError, match="expected no change of scheme after the creation"):
+        stepper.scheme = nts.Midpoint.scheme
+
+
+def test_stress_is_checked_without_a_body_of_an_elastic_material(comm):
+    """Regression: a wrong stress of plastic bodies was accepted."""
+    metal = nts.J2Plasticity(E=1e5, nu=0.3, yield_stress=1e3, rho=1e3)
+    plastic = Box(comm, shape=(1, 1, 1), material=metal)
+    with pytest.raises(ValueError, match="expected the first Piola-Kirchhoff stress"):
+        stepper_of(plastic, stress=lambda m, p, F_n, F: m.stress(F.T * F, **p))

@@ -305,7 +305,7 @@ class InColumn(nts.ExactObstacle):
 def test_distance_that_changes_the_positions_is_refused(rng, kind):
     """Regression: forces were those at other positions."""
     x = rng.normal(size=(12, 3))
-    message = rf"expected distance\(x\) of {kind.__name__}\(\) to leave x unchanged"
+    message = rf"expected distance\(x\) of {kind.__name__}\(\) to leave its arguments unchanged"
     for evaluate in (
         lambda: check_distance(kind(), x, 0.1),
         lambda: kind().contact("conserving", x, x + 0.1, np.zeros(12, dtype=np.int32)),
@@ -372,3 +372,21 @@ def test_distance_of_another_precision_is_refused(rng, kind):
     message = f"expected arrays of type float64 from distance.*, given {kind}"
     with pytest.raises(ValueError, match=message):
         check_distance(single, rng.normal(size=(12, 3)), 0.1)
+
+
+def test_points_of_an_obstacle_in_the_plane_are_in_the_plane(rng):
+    """Regression: curvatures were differences along z, too."""
+
+    class Disc(Ball):
+        dim = 2
+
+        def distance(self, x):
+            assert not x[:, 2].any()
+            return super().distance(x)
+
+    x_n, x = rng.normal(size=(2, 20, 3)) * [1, 1, 0]
+    segment = np.zeros(20, dtype=np.int32)
+    for scheme in ("conserving", "midpoint", "static"):
+        disc, ball = (each.contact(scheme, x_n, x, segment) for each in (Disc(), Ball()))
+        np.testing.assert_array_equal(disc.force, ball.force)
+        np.testing.assert_allclose(disc.tangent[:, :2, :2], ball.tangent[:, :2, :2], atol=1e-12)

@@ -100,7 +100,7 @@ class NormalContact(ABC):
         """Whether the law makes nodes eligible, by their gaps at both ends of the step. Local.
 
         Args:
-            node: Positions among the surface's nodes, shape ``(m,)``.
+            node: Indices among the nodes of the surface, shape ``(m,)``.
             gap_n: Gaps at t_n, shape ``(m,)`` [m].
             gap: Gaps at the end of the step, shape ``(m,)`` [m].
         """
