@@ -444,8 +444,7 @@ class NodalFriction:
     def judge(
         self,
         node: _Ints,
-        active: _Flags,
-        p: _Floats,
+        is_new: _Flags,
         limit: _Floats,
         trial: _Floats,
         motion: _Floats,

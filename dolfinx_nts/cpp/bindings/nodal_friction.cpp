@@ -53,12 +53,10 @@ public:
     return flags;
   }
 
-  auto judge(const Nodes& node, const Flags& active, const Doubles& p,
-             const Doubles& limit, const Doubles& trial,
-             const Doubles& motion) const
+  auto judge(const Nodes& node, const Flags& is_new, const Doubles& limit,
+             const Doubles& trial, const Doubles& motion) const
   {
-    const std::size_t m = check_pairs(node, active);
-    check("p", p, {m});
+    const std::size_t m = check_pairs(node, is_new);
     check("limit", limit, {m});
     check("trial", trial, {m, 2});
     check("motion", motion, {m, 2});
@@ -67,7 +65,7 @@ public:
     for (std::size_t i = 0; i < m; ++i)
     {
       const auto [slides, along] = _friction.judge(
-          row(node, i), active.data()[i], p.data()[i], limit.data()[i],
+          row(node, i), is_new.data()[i], limit.data()[i],
           vector2(view(trial), i), vector2(view(motion), i));
       sliding.data()[i] = slides;
       store(along, view(heading), i);
@@ -224,11 +222,10 @@ void nodal_friction(nb::module_& m)
            "(m, 2, 3): what is known becomes that in these tangents")
       .def("sticks", &NodalFriction::sticks, nb::arg("node"), nb::arg("active"),
            "-> whether multipliers hold pairs in the tangent plane (m,)")
-      .def("judge", &NodalFriction::judge, nb::arg("node"), nb::arg("active"),
-           nb::arg("p"), nb::arg("limit"), nb::arg("trial"), nb::arg("motion"),
-           "pressing forces (m,), largest tractions (m,), (m, 2), (m, 2) -> "
-           "directions of the tractions (m, 2), and whether nodes should slide "
-           "(m,)")
+      .def("judge", &NodalFriction::judge, nb::arg("node"), nb::arg("is_new"),
+           nb::arg("limit"), nb::arg("trial"), nb::arg("motion"),
+           "(m,), largest tractions (m,), (m, 2), (m, 2) -> directions of the "
+           "tractions (m, 2), and whether nodes should slide (m,)")
       .def("accept", &NodalFriction::accept, nb::arg("node"), nb::arg("active"),
            nb::arg("sliding"), nb::arg("p"), nb::arg("slip"),
            nb::arg("explicit"), nb::arg("direction"), nb::arg("stiffness"),

@@ -1,5 +1,7 @@
 """Half models: friction on planes of symmetry, and whole boundaries as surfaces."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from dolfinx import fem
@@ -105,3 +107,38 @@ def test_whole_boundaries_of_half_the_bodies_act_as_those_of_the_whole(comm, sch
     largest = np.abs(states[0]).max()
     assert largest > 1e3
     np.testing.assert_allclose(states[1], states[0], rtol=0, atol=1e-3 * largest)
+
+
+def test_nodes_that_a_support_holds_along_the_normal_have_no_friction(comm):
+    """A pressed block expands on rollers, also if an obstacle with friction lies below them.
+
+    The rollers carry the load, so that the normal force of contact is zero, and so is friction.
+    """
+
+    def build(model):
+        parts.add_rectangle(model, "block", corner=(0, 0), size=(1, 0.5), cells=(8, 4))
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    block = nts.Body(V, cells, tag["block"], nts.NeoHookean(E=1e6, nu=0.3, rho=1e3))
+    bottom = nts.Surface(V, facets, tag["block_bottom"])
+    pair = nts.ContactPair(bottom, nts.RigidPlane((0, 0), (0, 1)), friction=MU)
+
+    def held(axis, where, value):
+        W = V.sub(axis)
+        return fem.dirichletbc(
+            np.float64(value), fem.locate_dofs_geometrical((W, W.collapse()[0]), where)[0], W
+        )
+
+    bcs = [
+        held(0, lambda x: np.isclose(x[0], 0), 0),
+        held(1, lambda x: np.isclose(x[1], 0), 0),
+        held(1, lambda x: np.isclose(x[1], 0.5), -0.05),
+    ]
+    widths = []
+    for pairs in ([pair], []):
+        stepper = nts.QuasiStatic([block], pairs, dt=1.0, bcs=bcs)
+        stepper.advance()
+        widths.append(comm.allreduce(stepper.u.x.array[::2].max(initial=0.0), MPI.MAX))
+    assert widths[0] == pytest.approx(widths[1], rel=1e-9)
+    assert not pair.history.traction.any()

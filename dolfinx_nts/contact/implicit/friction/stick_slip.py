@@ -96,6 +96,8 @@ class StickSlip(Friction):
         # By symmetry nodes on the axis have no tangential traction: they slide without friction.
         self._on_axis = np.isin(state.nodes.nodes, axis_nodes(state.nodes.V))
         self.sliding |= self._on_axis
+        # Nodes whose contact has just begun, so that their normal force is unknown.
+        self._is_new: Flags = np.zeros(n, dtype=bool)
         # Linearised traction of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._lagged = LaggedLimit(n)
@@ -127,6 +129,7 @@ class StickSlip(Friction):
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Release inactive nodes; new active nodes stick if they are inside the friction cone."""
         changes = active != before
+        self._is_new[:] = False
         if not changes.any():
             return
         arrives = changes & active
@@ -138,6 +141,7 @@ class StickSlip(Friction):
         slides = slip > mu * np.abs(pairs.excess[arrives, 0])
         self.sliding[arrived] = slides | self._on_axis[arrived]
         self._lagged.heading[arrived] = 0.0
+        self._is_new[arrived] = True
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         return self._nodal.sticks(node, active)
@@ -174,7 +178,9 @@ class StickSlip(Friction):
         if iteration == 0 or self.keeps_states:
             heading, sliding, violators = self._first_heading(pairs, motion), before, 0
         else:
-            heading, sliding = self._nodal.judge(node, active, p, judged.force, trial, motion)
+            heading, sliding = self._nodal.judge(
+                node, self._is_new[node], judged.force, trial, motion
+            )
             violates = active & (sliding != before)
             changes, violators = self._pivoting.select(violates, node, iteration)
             sliding ^= violates ^ changes

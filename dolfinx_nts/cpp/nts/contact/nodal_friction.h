@@ -64,22 +64,22 @@ struct NodalFriction
     Vec2 heading;
   };
 
-  /// @param[in] p Normal force [N].
+  /// @param[in] is_new Whether contact has just begun, so that the normal force
+  /// is unknown.
   /// @param[in] limit Largest traction [N].
   /// @param[in] trial Trial traction of a sticking node [N].
   /// @param[in] motion Direction of slip, as a traction or a slip increment.
-  Judgement judge(std::size_t j, bool active, double p, double limit,
-                  const Vec2& trial, const Vec2& motion) const noexcept
+  Judgement judge(std::size_t j, bool is_new, double limit, const Vec2& trial,
+                  const Vec2& motion) const noexcept
   {
     const bool slid = sliding[j];
     // With p < 0, which is possible in iterates, a traction points backwards.
     const Vec2 along
         = first_direction(vector2(slid ? heading : traction, j), motion);
     // At the limit, as under constant loads after sliding, round-off must not
-    // determine the state. The same holds for the unknown normal force of a new
-    // contact node.
-    const bool is_open
-        = is_at_limit(limit, trial, rounding[j]) || (active && p == 0);
+    // determine the state. A node that a support holds along the normal has no
+    // normal force, and slides.
+    const bool is_open = is_new || is_at_limit(limit, trial, rounding[j]);
     const bool leaves
         = is_open ? slid : nts::slides(limit, trial, motion, along, slid);
     return {leaves || on_axis[j], along};

@@ -32,18 +32,20 @@ class Friction:
 
 
 def test_nodes_at_the_limit_or_on_the_axis_keep_their_state(rng):
-    of, p = Friction(rng), np.full(M, 2.0)
+    of, limit, known = Friction(rng), np.full(M, 2 * MU), np.zeros(M, dtype=bool)
     trial = np.array([[0.3, 0.0], [1.0, 0.0], [0.1, 0.0], [0.6, 0.0], [0.0, 0.0]])
     of.heading[of.node] = of.traction[of.node] = [1.0, 0.0]
     of.traction[of.node[0]] = 0.0
-    heading, sliding = of.kernel.judge(of.node, of.active, p, MU * p, trial, trial)
+    heading, sliding = of.kernel.judge(of.node, known, limit, trial, trial)
     assert sliding.tolist() == [False, True, False, True, True]
     np.testing.assert_array_equal(heading[0], trial[0])
     # The pressing force of new contacts is unknown.
-    _, unknown = of.kernel.judge(of.node, of.active, 0 * p, MU * p, trial, trial)
+    _, unknown = of.kernel.judge(of.node, of.active, limit, trial, trial)
     assert unknown.tolist() == [False, True, False, True, True]
+    # Without a pressing force, what has a tangential force slides.
+    assert of.kernel.judge(of.node, known, 0 * limit, trial, trial)[1][:4].all()
     # Nodes stick before their slip reverses.
-    assert not of.kernel.judge(of.node, of.active, p, MU * p, -2 * trial, -trial)[1][1]
+    assert not of.kernel.judge(of.node, known, limit, -2 * trial, -trial)[1][1]
 
 
 @pytest.mark.parametrize("has_springs", [False, True])
