@@ -64,9 +64,9 @@ public:
     auto sliding = create<bool>({m});
     for (std::size_t i = 0; i < m; ++i)
     {
-      const auto [slides, along] = _friction.judge(
-          row(node, i), is_new.data()[i], limit.data()[i],
-          vector2(view(trial), i), vector2(view(motion), i));
+      const auto [slides, along]
+          = _friction.judge(row(node, i), is_new.data()[i], limit.data()[i],
+                            vector2(view(trial), i), vector2(view(motion), i));
       sliding.data()[i] = slides;
       store(along, view(heading), i);
     }
