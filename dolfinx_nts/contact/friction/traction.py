@@ -15,9 +15,17 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.contact.friction.laws import FrictionLaw
 from dolfinx_nts.contact.friction.limits import NodalLimit
 
-__all__ = ["TractionModel", "exact_model", "slip_energy", "spring_model", "transport"]
+__all__ = [
+    "TractionModel",
+    "exact_model",
+    "slip_energy",
+    "slip_stiffness",
+    "spring_model",
+    "transport",
+]
 
 # Least 1 + cosine of the angle between two normals [-] by which `transport` divides: it is 0 if the
 # normal is reversed, where the smallest rotation is not unique.
@@ -117,6 +125,21 @@ def transport(traction: Floats, normal_from: Floats, frame: Floats, normal: Floa
     rotated = traction - factor[:, None] * (normal_from + normal)
     components: Floats = np.einsum("mij,mj->mi", frame, rotated)
     return components
+
+
+def slip_stiffness(
+    law: FrictionLaw | None, eps_T: Floats | None, fraction: Floats
+) -> Floats | None:
+    """Stiffness of tangential springs that acts, shape ``(n,)`` [N/m]; None without springs. Local.
+
+    Args:
+        law: Law of friction, which may have a given stiffness.
+        eps_T: Largest stiffness, where the stiffest segment is faced, shape ``(n,)`` [N/m].
+        fraction: Fraction of the stiffness of default normal springs that acts, ``(n,)`` [-].
+    """
+    if eps_T is None or law is None or law.eps_T is not None:
+        return eps_T
+    return fraction * eps_T
 
 
 def slip_energy(traction: Floats, eps_T: Floats | None) -> Floats:

@@ -136,7 +136,8 @@ class ContactStep:
             partial(_replace, others),
         )
         self.friction = make_friction(
-            state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking, dt
+            *(state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking, dt),
+            self.normal.stiffness_fraction,
         )
         is_rigid = self._unknown.is_rigid
         has_rigid = is_rigid is not None and bool(is_rigid.any())

@@ -92,6 +92,7 @@ def make_friction(
     acts_at_end: bool,
     begins_sticking: bool,
     dt: float,
+    fraction: Floats,
 ) -> Friction:
     """Friction of a pair by its laws. Local.
 
@@ -103,10 +104,13 @@ def make_friction(
         acts_at_end: Whether forces act at the end of the step.
         begins_sticking: Whether all nodes with friction stick at first.
         dt: Length of the step [s].
+        fraction: Fraction of the stiffness of default springs that acts, shape ``(n,)`` [-].
     """
     law = state.pair.friction
     if isinstance(state.pair.enforcement, Tied):
         return Bond(state, is_static, search, stiffness, acts_at_end)
     if law is None:
         return Friction(state)
-    return StickSlip(state, law, is_static, search, stiffness, acts_at_end, begins_sticking, dt)
+    return StickSlip(
+        state, law, is_static, search, stiffness, acts_at_end, begins_sticking, dt, fraction
+    )

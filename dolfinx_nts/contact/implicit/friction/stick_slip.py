@@ -13,6 +13,7 @@ from dolfinx_nts.contact.friction.traction import (
     TractionModel,
     exact_model,
     slip_energy,
+    slip_stiffness,
     spring_model,
     transport,
 )
@@ -49,6 +50,7 @@ class StickSlip(Friction):
         acts_at_end: Whether contact forces of the scheme act at the end of a step.
         begins_sticking: Whether all nodes stick at first, and slide only near an equilibrium.
         dt: Length of the step [s].
+        fraction: Fraction of the stiffness of default springs that acts, shape ``(n,)`` [-].
     """
 
     def __init__(
@@ -59,10 +61,12 @@ class StickSlip(Friction):
         search: LocalSearch,
         stiffness: Floats,
         acts_at_end: bool,
-        begins_sticking: bool = False,
-        dt: float = 1.0,
+        begins_sticking: bool,
+        dt: float,
+        fraction: Floats,
     ) -> None:
         super().__init__(state)
+        self._eps_T = slip_stiffness(law, state.eps_T, fraction)
         history, n = state.history, len(stiffness)
         self._search, self._stiffness, self._measure = search, stiffness, law.law
         if search.pairing.follows:
@@ -157,7 +161,7 @@ class StickSlip(Friction):
         iteration: int,
         linear: Floats | None = None,
     ) -> int:
-        node, slip, eps_T = pairs.node, pairs.slip, self._state.eps_T
+        node, slip, eps_T = pairs.node, pairs.slip, self._eps_T
         limits, before = self._limits, self.sliding[node]
         measured, p = p, p if linear is None else linear
         if eps_T is not None:
@@ -274,7 +278,7 @@ class StickSlip(Friction):
         return work - pairs.slip.work(t, dx)
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
-        state, old, node, slip = self._state, self._state.history, pairs.node, pairs.slip
+        old, node, slip = self._state.history, pairs.node, pairs.slip
         t = self.traction[node]
         parts: dict[str, Any] = {
             "traction": np.zeros_like(old.traction),
@@ -288,8 +292,8 @@ class StickSlip(Friction):
         parts["slip"][node] += np.where(self.sliding[node], length, 0.0)
         dx = (x - self._search.x_n)[pairs.dofs]
         parts["dissipation"][node] = slip.work(t, dx.reshape(pairs.contact.force.shape))
-        energy = slip_energy(parts["traction"], state.eps_T)
-        parts["dissipation"] -= energy - slip_energy(old.traction, state.eps_T)
+        energy = slip_energy(parts["traction"], self._eps_T)
+        parts["dissipation"] -= energy - slip_energy(old.traction, self._eps_T)
         return energy, parts
 
     class _CoupledStickSlip(NoFriction):

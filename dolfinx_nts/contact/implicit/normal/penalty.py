@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.friction.traction import slip_energy
+from dolfinx_nts.contact.friction.traction import slip_energy, slip_stiffness
 from dolfinx_nts.contact.history import NEVER
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.friction.interface import Friction
@@ -215,8 +215,9 @@ class PenaltyContact(NormalContact):
         return SpringDerivatives(matrix, self.lambda_N[node] / eps_N[node])
 
     def released_energy(self, node: Ints) -> Floats:
-        history = self._state.history
-        energy: Floats = history.energy - slip_energy(history.traction, self._state.eps_T)
+        state, history = self._state, self._state.history
+        eps_T = slip_stiffness(state.pair.friction, state.eps_T, self.stiffness_fraction)
+        energy: Floats = history.energy - slip_energy(history.traction, eps_T)
         energy[node] = 0.0
         return energy
 
@@ -260,9 +261,9 @@ class PenaltyContact(NormalContact):
 
     @property
     def _is_loaded(self) -> Flags:
-        """Whether each spring has energy at t_n, shape ``(n,)``. Local."""
+        """Whether each spring, or its tangential one, has energy at t_n, ``(n,)``. Local."""
         old = self._state.history
-        flags: Flags = old.gap < old.offset
+        flags: Flags = (old.gap < old.offset) | old.traction.any(axis=1)
         return flags
 
     def _offset(self, pairs: PairKinematics) -> Floats:

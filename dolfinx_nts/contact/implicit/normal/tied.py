@@ -84,7 +84,9 @@ class Bond(StickSlip):
         stiffness: Floats,
         acts_at_end: bool,
     ) -> None:
-        super().__init__(state, Coulomb(mu=1.0), is_static, search, stiffness, acts_at_end)
+        every = np.ones(len(stiffness))
+        law = Coulomb(mu=1.0)
+        super().__init__(state, law, is_static, search, stiffness, acts_at_end, False, 1.0, every)
         # Nodes on an axis of symmetry have no tangential constraint.
         self.sliding[:] = self._on_axis
 
