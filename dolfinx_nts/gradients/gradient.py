@@ -34,11 +34,12 @@ class Gradient:
     differentiated exactly. Mortar contact and friction are differentiated by central differences of
     the contact of each step along one direction, with errors of about 1e-8, or up to 1e-5 of a step
     in which nodes touch just then. Runs in which such contact chooses its points again within a
-    step raise a ValueError. Optimisers of SciPy take `value` and `gradient` as they are. Each call
-    repeats the run from the state at which the object was made, and leaves the stepper at the end
-    of the run. Springs of contact keep the stiffness that the first run has chosen. Which nodes
-    touch, and whether they slip, is constant within a step; at controls where this changes,
-    derivatives are one-sided. Collective, as are all methods.
+    step raise a ValueError, also those of statics whose points do not settle in equilibrium, and
+    those of statics with rigid motions that nothing resists. Optimisers of SciPy take `value` and
+    `gradient` as they are. Each call repeats the run from the state at which the object was made,
+    and leaves the stepper at the end of the run. Springs of contact keep the stiffness that the
+    first run has chosen. Which nodes touch, and whether they slip, is constant within a step; at
+    controls where this changes, derivatives are one-sided. Collective, as are all methods.
 
     Args:
         stepper: An `EnergyMomentum`, `Midpoint` or `QuasiStatic` stepper before the run.
@@ -91,7 +92,7 @@ class Gradient:
         self._ends = np.cumsum([control.size for control in self._controls])
         self._parameters = [c for c in self._controls if isinstance(c, ParameterControl)]
         self._comm = stepper.u.function_space.mesh.comm
-        equations = equations_of(stepper)
+        self._equations = equations = equations_of(stepper)
         self._steps = StepDerivative(equations, self._parameters)
         values = [control.value for control in self._parameters]
         self._objective = Objective(objective, (stepper.u, stepper.v), values)
@@ -101,7 +102,6 @@ class Gradient:
         # Values of initial states; the stepper has those at the end of the run.
         self._x = np.concatenate([control.get() for control in self._controls])
         # Springs of the first run, by pair.
-        self._contacts: Sequence[PairState] = equations.contacts
         self._springs: dict[PairState, tuple[Any, ...]] = {}
         # The last run: its controls, objective and states.
         self._of: Floats | None = None
@@ -193,7 +193,7 @@ class Gradient:
         return array
 
     def _new_store(self) -> StoredRun:
-        return StoredRun(self.stepper, self._steps.carried, self._every, self._steps.released)
+        return StoredRun(self.stepper, self._steps.carried, self._every, self._equations)
 
     def _without_adjoint(self) -> str:
         """Name of contact without an adjoint."""
@@ -216,7 +216,9 @@ class Gradient:
             is_end = self._until - step.t <= ROUND_OFF * step.dt
             term = self._objective.term(step.t, is_end=is_end)
             self._value += 0.0 if term is None else term.value()
-        self._springs = self._springs or {each: springs_of(each) for each in self._contacts}
+        self._springs = self._springs or {
+            each: springs_of(each) for each in self._equations.contacts
+        }
         self._of = self._x
 
     @contextmanager

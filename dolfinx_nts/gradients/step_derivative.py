@@ -33,6 +33,10 @@ _STEPS = (1e-6, 1e-7, 1e-8, 1e-9)
 # Deviation of forces in a difference from a straight line, relative to their change [-], that is
 # admissible. Larger: errors where nodes touch; smaller: more differences.
 _STRAIGHT = 1e-5
+# Contact points that settle in equilibrium follow the change of the displacement: largest number of
+# solutions for both; difference of the last two, relative to the displacement [-], that is
+# admissible; and the same if it does not decrease by half, as by round-off of small differences.
+_MOST_SOLUTIONS, _SETTLED, _ROUNDED = 20, 1e-9, 1e-6
 
 
 class MotionState(NamedTuple):
@@ -161,12 +165,8 @@ class StepDerivative:
         motion = ContactMotion(start.u, self._trial(start), np.zeros(self._shape))
         for contact in step.contacts:
             force += contact.force_by(motion, histories)
-        scale = 0.0
-        if step.differences:
-            scale = self._largest([self._derivatives.free(force)])
-            h, ahead, behind = self._differences(step, motion, histories, scale)
-            force += _slope(ahead, behind, h)
-        u = self._solver.solve(partial(self._product, step), -self._derivatives.free(force))
+        scale = self._largest([self._derivatives.free(force)]) if step.differences else 0.0
+        u, motion = self._solution(step, force, motion, histories, scale)
         for contact in step.contacts:
             contact.update(motion._replace(end=u), histories)
         rows = zip(update.of_end, update.of_start, [*update.of_rates], strict=True)
@@ -182,6 +182,48 @@ class StepDerivative:
             if rates:
                 rates[0] = rates[0] + self._impulses(step, u, rates[0], h, (ahead, behind))
         return MotionState(u, rates, histories)
+
+    def _solution(
+        self,
+        step: StepRecord,
+        force: Floats,
+        motion: ContactMotion,
+        histories: Histories,
+        scale: float,
+    ) -> tuple[Floats, ContactMotion]:
+        """Perturbation of the displacement at the end of a step, and the motion of its contact.
+
+        Points that settle are those of the end, whose perturbation is iterated as in the step.
+
+        Args:
+            step: The step.
+            force: Perturbation of the forces without differences of contact, ``(n, d)`` [N].
+            motion: Perturbation of positions.
+            histories: Perturbations of the histories at the start.
+            scale: See `_differences`.
+
+        Raises:
+            ValueError: The points do not settle.
+        """
+        act, settling = partial(self._product, step), [c for c in step.differences if c.settles]
+        change = np.inf
+        for _ in range(_MOST_SOLUTIONS if settling else 1):
+            of_points: Floats | float = 0.0
+            if step.differences:
+                h, ahead, behind = self._differences(step, motion, histories, scale)
+                of_points = _slope(ahead, behind, h)
+            u = self._solver.solve(act, -self._derivatives.free(force + of_points))
+            if not settling:
+                return u, motion
+            last, size = change, self._largest([u])
+            change, motion = self._largest([u - motion.trial]), motion._replace(trial=u)
+            if change <= (_ROUNDED if change > last / 2 else _SETTLED) * size:
+                return u, motion
+        raise ValueError(
+            "expected contact points that settle in equilibrium for a derivative, given "
+            f"{settling[0].between} with a relative change of {change / size:.1e} after "
+            f"{_MOST_SOLUTIONS} solutions: method 'node-to-segment' has an adjoint"
+        )
 
     def _differences(
         self, step: StepRecord, motion: ContactMotion, histories: Histories, scale: float
@@ -271,7 +313,8 @@ class StepDerivative:
             motion = contact.adjoint(costate, histories)
             trial = derivatives.free(motion.trial)
             u = u + motion.start + trial
-            rates = [rates[0] + dt * trial, *rates[1:]]
+            if rates:
+                rates[0] = rates[0] + dt * trial
         return MotionState(u, rates, histories)
 
     def _trial(self, start: MotionState) -> Floats:

@@ -12,9 +12,12 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.gradients.contact_derivative import ContactDerivative
 from dolfinx_nts.gradients.contact_difference import ContactDifference
 from dolfinx_nts.gradients.step_derivative import MotionState, StepRecord
-from dolfinx_nts.gradients.support import has_exact_derivative
-from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper, observed
-from dolfinx_nts.integrators.implicit.released_springs import ReleasedSprings
+from dolfinx_nts.gradients.support import check_resisted, has_exact_derivative
+from dolfinx_nts.integrators.implicit.implicit_stepper import (
+    ImplicitStepper,
+    StepEquations,
+    observed,
+)
 
 __all__ = ["StoredRun"]
 
@@ -33,7 +36,7 @@ class StoredRun:
         stepper: The stepper, at the start of the run.
         carried: Rates that its scheme carries from step to step.
         every: Number of steps whose states are stored at a time; None for all.
-        released: Springs of the stepper that return energy; None without inertia.
+        equations: Equations of its steps.
 
     Attributes:
         has_differences: Whether any step has contact without an adjoint.
@@ -44,10 +47,11 @@ class StoredRun:
         stepper: ImplicitStepper,
         carried: Sequence[fem.Function],
         every: int | None,
-        released: ReleasedSprings | None,
+        equations: StepEquations,
     ) -> None:
         self._stepper, self._carried, self._every = stepper, carried, every
-        self._released, self.has_differences = released, False
+        self._relief, self._released = equations.relief, equations.released
+        self.has_differences = False
         self._segments: list[_Segment] = []
         # Steps of one segment, and its number.
         self._records: list[StepRecord] = []
@@ -97,13 +101,14 @@ class StoredRun:
             contacts.clear()
             differences.clear()
             for step, state in zip(steps, states, strict=True):
-                if has_exact_derivative(step, state):
+                if has_exact_derivative(step, state, gives_back=self._released is not None):
                     contacts.append(ContactDerivative(step, state, stepper.scheme.contact))
                 else:
                     differences.append(ContactDifference(step, state, stepper.x, self._released))
 
         with observed(stepper, observe):
             for report in stepper.run(until):
+                check_resisted(self._relief)
                 end = self._state()
                 known = tuple(contacts), tuple(differences)
                 yield StepRecord(t_n, report.dt, report.t, start, end, *known)

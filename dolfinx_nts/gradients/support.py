@@ -11,10 +11,10 @@ from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.vertices import VertexState
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
-from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
-__all__ = ["check_supported", "has_adjoint", "has_exact_derivative"]
+__all__ = ["check_resisted", "check_supported", "has_adjoint", "has_exact_derivative"]
 
 
 def check_supported(stepper: Any) -> None:
@@ -41,12 +41,6 @@ def check_supported(stepper: Any) -> None:
                 f"{body.material!r} of {body.name}: its energy without branches or plastic flow "
                 "has derivatives"
             )
-    if stepper.pairs and stepper.scheme.rates is NoRates:
-        raise ValueError(
-            "expected a stepper with inertia for gradients through contact, given "
-            f"{type(stepper).__name__} with {stepper.pairs[0].between}: EnergyMomentum with "
-            "mass_damping comes to rest in the same state"
-        )
     for pair in stepper.pairs:
         if not isinstance(pair.enforcement, Penalty):
             raise ValueError(
@@ -68,6 +62,21 @@ def check_supported(stepper: Any) -> None:
             )
 
 
+def check_resisted(relief: InertiaRelief) -> None:
+    """Check that bodies and contact resist all motions in the equilibrium of a step. Local.
+
+    Raises:
+        ValueError: Rigid motions have been suppressed, so that the tangent is singular.
+    """
+    if len(relief.loads):
+        names = "; ".join(map(str, relief.bodies))
+        raise ValueError(
+            "expected bodies whose rigid motions supports or contact resist for gradients, given "
+            f"{names} in statics with {len(relief.loads)} free motions: add bcs or friction "
+            "against them"
+        )
+
+
 def has_adjoint(pair: ContactPair) -> bool:
     """Whether the contact of a pair has derivatives in closed form, and thus an adjoint. Local.
 
@@ -77,7 +86,7 @@ def has_adjoint(pair: ContactPair) -> bool:
     return pair.method == NODES and pair.friction is None
 
 
-def has_exact_derivative(step: ContactStep, last: ContactContribution) -> bool:
+def has_exact_derivative(step: ContactStep, last: ContactContribution, *, gives_back: bool) -> bool:
     """Whether a step of contact has derivatives in closed form. Collective.
 
     Springs that return energy as an impulse, and those of vertices, have none.
@@ -85,11 +94,14 @@ def has_exact_derivative(step: ContactStep, last: ContactContribution) -> bool:
     Args:
         step: The accepted attempt, before its pairs accept their histories.
         last: Its last evaluation.
+        gives_back: Whether springs return energy, as with inertia.
     """
     if not has_adjoint(step.state.pair):
         return False
     if step.num_active and isinstance(members(step.state)[0], VertexState):
         return False
+    if not gives_back:
+        return True
     normal, node = step.normal, last.pairs.node
     returns = [normal.surplus_energy(last.pairs), normal.released_energy(node)]
     own = any(bool((energy > 0).any()) for energy in returns)

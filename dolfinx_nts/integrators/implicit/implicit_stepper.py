@@ -78,6 +78,7 @@ from dolfinx_nts.solvers.linear.statistics import SolverStatistics
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 from dolfinx_nts.solvers.precond.tangent import Tangent
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
+from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
 __all__ = ["ImplicitStepper", "StepEquations", "equations_of", "observed"]
 
@@ -587,6 +588,7 @@ class StepEquations(NamedTuple):
         copies: Copies of the user's Constants and Functions in the forms of loads.
         contacts: States of all pairs, including those of vertices.
         released: Springs that return energy to the bodies; None without inertia.
+        relief: Motions of bodies that nothing resists in statics.
         set_data: Function ``set_data(t_n, dt)`` that sets loads, supports and motions as in a
             former step of length dt from t_n, both [s]. Collective.
     """
@@ -597,6 +599,7 @@ class StepEquations(NamedTuple):
     copies: Mapping[Any, Any]
     contacts: Sequence[PairState]
     released: ReleasedSprings | None
+    relief: InertiaRelief
     set_data: Callable[[float, float], None]
 
 
@@ -609,6 +612,7 @@ def equations_of(stepper: ImplicitStepper) -> StepEquations:
         stepper._copies,
         stepper._all_contacts,
         stepper._released_springs,
+        stepper._step_solver.relief,
         stepper._set_data,
     )
 
