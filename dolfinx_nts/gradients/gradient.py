@@ -44,7 +44,9 @@ class Gradient:
     Args:
         stepper: An `EnergyMomentum`, `Midpoint` or `QuasiStatic` stepper before the run.
         controls: Each a ``fem.Constant`` or ``fem.Function`` in an energy, a load or the
-            objective, or ``stepper.u`` or ``stepper.v`` for the initial state.
+            objective, or the value [m] of a condition in ``bcs``; a ``fem.Constant`` from which
+            ``update`` computes the values of conditions; or ``stepper.u`` or ``stepper.v`` for the
+            initial state. Their values do not change in a run.
         objective: UFL functional of ``stepper.u`` and ``stepper.v`` at the end of the run; or a
             function of the time [s] that returns a functional of the state at the end of a step
             ending then, or None. The objective is the sum of all of them.
@@ -59,7 +61,8 @@ class Gradient:
     Raises:
         TypeError: A control or the objective is of another kind.
         ValueError: The stepper has parts without derivatives, which the message names, or a control
-            occurs nowhere.
+            occurs nowhere. The methods raise it, too, if a control changes in the run, or if
+            ``update`` computes other data from it than values of conditions.
 
     Example:
         >>> stepper = nts.EnergyMomentum(bodies, dt=0.01)
@@ -86,7 +89,10 @@ class Gradient:
                 f"given until = {until:g}: make all gradients before the first run"
             )
         self._every = None if stored_steps is None else whole("stored_steps", stored_steps)
-        self._controls = [control_of(value, stepper) for value in controls]
+        self._controls = [
+            control_of(value, stepper, f"control {i} of {len(controls)},")
+            for i, value in enumerate(controls, start=1)
+        ]
         if not self._controls:
             raise ValueError("expected at least one control, given none")
         self._ends = np.cumsum([control.size for control in self._controls])
@@ -96,7 +102,8 @@ class Gradient:
         self._steps = StepDerivative(equations, self._parameters)
         values = [control.value for control in self._parameters]
         self._objective = Objective(objective, (stepper.u, stepper.v), values)
-        self._check_occurrence(objective)
+        self._given = objective
+        self._check_occurrence()
         self._start = Snapshot()
         stepper.serialize(self._start)
         # Values of initial states; the stepper has those at the end of the run.
@@ -165,20 +172,36 @@ class Gradient:
         with self._kept():
             return self._tangent(self._checked(direction, "a direction"))
 
-    def _check_occurrence(self, objective: Any) -> None:
-        """Raise if a control occurs nowhere; functions of the time may return any form."""
-        of_objective: tuple[Any, ...] = ()
+    def _check_occurrence(self, *, is_solved: bool = False) -> None:
+        """Raise if a control occurs nowhere; functions of the time may return any form.
+
+        ``is_solved`` is whether all steps have been differentiated, so that it is known what
+        ``update`` computes from controls.
+        """
+        objective, of_objective = self._given, tuple[Any, ...]()
         if isinstance(objective, ufl.Form):
             of_objective = (*objective.constants(), *objective.coefficients())
-        for control, (forms, _) in zip(self._parameters, self._steps.of_controls, strict=True):
-            is_known = forms.exists or control.value in of_objective
+        derivatives = zip(self._steps.of_controls, self._steps.of_supports, strict=True)
+        for control, ((forms, _), support) in zip(self._parameters, derivatives, strict=True):
+            acts = forms.exists or (support.acts if is_solved else support.may_act)
+            is_known = acts or control.value in of_objective
             if not (is_known or (callable(objective) and not of_objective)):
                 raise ValueError(
-                    "expected controls in an energy, a load or the objective, given as control "
-                    f"{self._controls.index(control) + 1} of {len(self._controls)} a "
-                    f"{type(control.value).__name__} of shape {control.value.ufl_shape}, which "
-                    "occurs in none"
+                    "expected controls in an energy, a load, the value of a condition of bcs or "
+                    f"the objective, given {control.name}, which occurs in none"
                 )
+
+    def _check_kept(self) -> None:
+        """Raise if a control has not kept its values in a step."""
+        both = zip(self._controls, self._split(self._x), strict=True)
+        known = [(c, values) for c, values in both if isinstance(c, ParameterControl)]
+        own = np.array([not control.holds(values) for control, values in known], dtype=bool)
+        for i in reductions.anywhere(self._comm, own).nonzero()[0]:
+            raise ValueError(
+                f"expected controls that keep their values in a run, given {known[i][0].name}, "
+                "which has changed in a step: let update compute the motion in another Constant, "
+                "from the control and the time"
+            )
 
     def _split(self, values: Floats) -> list[Floats]:
         return np.split(values, self._ends[:-1])
@@ -213,6 +236,7 @@ class Gradient:
             control.set(part)
         self._value, self._stored = 0.0, self._new_store()
         for step in self._stored.forward(self._until):
+            self._check_kept()
             is_end = self._until - step.t <= ROUND_OFF * step.dt
             term = self._objective.term(step.t, is_end=is_end)
             self._value += 0.0 if term is None else term.value()
@@ -229,6 +253,7 @@ class Gradient:
         try:
             with self._steps.without_sleeping_bodies():
                 yield
+            self._check_occurrence(is_solved=True)
         finally:
             self.stepper.serialize(end.rewind())
 

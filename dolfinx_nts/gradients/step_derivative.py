@@ -19,6 +19,7 @@ from dolfinx_nts.gradients.contact_derivative import (
 )
 from dolfinx_nts.gradients.contact_difference import ContactDifference, ContactResult
 from dolfinx_nts.gradients.controls import FormDerivative, ParameterControl
+from dolfinx_nts.gradients.prescribed_derivative import PrescribedDerivative
 from dolfinx_nts.gradients.rate_updates import RateUpdate, rate_update
 from dolfinx_nts.integrators.implicit.implicit_stepper import StepEquations
 from dolfinx_nts.parallel import reductions
@@ -85,6 +86,7 @@ class StepDerivative:
         carried: Functions of the carried rates.
         released: Springs that return energy to the bodies; None without inertia.
         of_controls: Derivatives of the residual with respect to the parameters.
+        of_supports: The same of prescribed displacements.
     """
 
     def __init__(self, equations: StepEquations, controls: Sequence[ParameterControl]) -> None:
@@ -95,6 +97,7 @@ class StepDerivative:
         self._derivatives = derivatives = BulkDerivatives(equations.bulk, rates, self.carried)
         self._solver = TangentSolver(equations.tangent, equations.bulk.comm)
         self.of_controls: list[tuple[FormDerivative, FormDerivative]] = []
+        self.of_supports = [PrescribedDerivative(equations, control) for control in controls]
         mesh = rates.u.function_space.mesh
         for control in controls:
             value = control.value
@@ -123,6 +126,8 @@ class StepDerivative:
     def take(self, step: StepRecord) -> RateUpdate:
         """Set all functions and data to a solved step; return its update of rates."""
         rates = self._rates
+        for support in self.of_supports:
+            support.take(step.t_n, step.dt)
         rates.u_n.x.array[:], rates.u.x.array[:] = step.start.u, step.end.u
         for function, values in zip(self.carried, step.start.rates, strict=True):
             function.x.array[:] = values
@@ -161,10 +166,14 @@ class StepDerivative:
         force = self._derivatives.along_start([start.u, *start.rates])
         for (forms, _), change in zip(self.of_controls, changes, strict=True):
             force += np.reshape(forms.along(change), force.shape) if forms.exists else 0.0
+        given, acts = self._given(changes)
+        if acts:
+            force += self._bulk.action(given, with_prescribed=True)
         histories = dict(start.histories)
-        motion = ContactMotion(start.u, self._trial(start), np.zeros(self._shape))
+        motion = ContactMotion(start.u, self._trial(start) + given, given)
         for contact in step.contacts:
             force += contact.force_by(motion, histories)
+            force += contact.end_product(given) if acts else 0.0
         scale = self._largest([self._derivatives.free(force)]) if step.differences else 0.0
         u, motion = self._solution(step, force, motion, histories, scale)
         for contact in step.contacts:
@@ -212,7 +221,7 @@ class StepDerivative:
             if step.differences:
                 h, ahead, behind = self._differences(step, motion, histories, scale)
                 of_points = _slope(ahead, behind, h)
-            u = self._solver.solve(act, -self._derivatives.free(force + of_points))
+            u = self._solver.solve(act, -self._derivatives.free(force + of_points)) + motion.end
             if not settling:
                 return u, motion
             last, size = change, self._largest([u])
@@ -302,6 +311,8 @@ class StepDerivative:
         for (_, forms), gradient in zip(self.of_controls, gradients, strict=True):
             if forms.exists:
                 gradient -= forms.gradient()
+        acting = [pair for pair in zip(self.of_supports, gradients, strict=True) if pair[0].acts]
+        of_given = slope - derivatives.transposed(costate) if acting else slope
         u = _combined(update.of_start, end.rates) - of_start
         columns: list[Floats] = [*update.of_rates.T]
         rates = [
@@ -311,11 +322,29 @@ class StepDerivative:
         dt = float(self._rates.dt.value)
         for contact in step.contacts:
             motion = contact.adjoint(costate, histories)
+            if acting:
+                product = contact.end_product(costate, transposed=True)
+                of_given = of_given + motion.trial - product
             trial = derivatives.free(motion.trial)
             u = u + motion.start + trial
             if rates:
                 rates[0] = rates[0] + dt * trial
+        of_given = of_given - derivatives.free(of_given)
+        for support, gradient in acting:
+            gradient += support.gradient(of_given.ravel())
         return MotionState(u, rates, histories)
+
+    def _given(self, changes: Sequence[Floats]) -> tuple[Floats, bool]:
+        """Change of prescribed displacements by those of the parameters, ``(n, d)`` [m].
+
+        Also returns whether any of them may differ from 0.
+        """
+        given, acts = np.zeros(self._shape), False
+        for support, change in zip(self.of_supports, changes, strict=True):
+            if support.acts:
+                given += support.along(change).reshape(given.shape)
+                acts = True
+        return given, acts
 
     def _trial(self, start: MotionState) -> Floats:
         """Change of the trial motion of the search, without contact."""

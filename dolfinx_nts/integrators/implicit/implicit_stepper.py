@@ -589,6 +589,7 @@ class StepEquations(NamedTuple):
         contacts: States of all pairs, including those of vertices.
         released: Springs that return energy to the bodies; None without inertia.
         relief: Motions of bodies that nothing resists in statics.
+        updates: Whether ``update`` sets values of supports and loads.
         set_data: Function ``set_data(t_n, dt)`` that sets loads, supports and motions as in a
             former step of length dt from t_n, both [s]. Collective.
     """
@@ -600,6 +601,7 @@ class StepEquations(NamedTuple):
     contacts: Sequence[PairState]
     released: ReleasedSprings | None
     relief: InertiaRelief
+    updates: bool
     set_data: Callable[[float, float], None]
 
 
@@ -613,6 +615,7 @@ def equations_of(stepper: ImplicitStepper) -> StepEquations:
         stepper._all_contacts,
         stepper._released_springs,
         stepper._step_solver.relief,
+        stepper._script.updates,
         stepper._set_data,
     )
 
