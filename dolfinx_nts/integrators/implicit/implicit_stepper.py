@@ -226,6 +226,10 @@ class ImplicitStepper(Stepper):
     def _copies(self) -> Mapping[Any, Any]:
         return self._script.copies
 
+    @property
+    def _updates(self) -> bool:
+        return self._script.updates
+
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, including the rates and the linear solver."""
         super().serialize(archive)
@@ -615,7 +619,7 @@ def equations_of(stepper: ImplicitStepper) -> StepEquations:
         stepper._all_contacts,
         stepper._released_springs,
         stepper._step_solver.relief,
-        stepper._script.updates,
+        stepper._updates,
         stepper._set_data,
     )
 
