@@ -109,15 +109,18 @@ class ContactDifference:
         """Contact of a step, with positions and histories perturbed by h times given ones.
 
         Args:
-            motion: Changes of positions.
+            motion: Changes of positions and coefficients of friction.
             h: Factor of all changes [-].
             histories: Changes of the histories at the start of the step.
         """
         state, (n, d) = self._step.state, motion.start.shape
         x_n, x_trial, x = (
             there + h * self._spread(change)
-            for there, change in zip(self._ends, motion, strict=True)
+            for there, change in zip(self._ends, motion.positions, strict=True)
         )
+        coefficients = [(control, control.get()) for control, _ in motion.coefficients]
+        for (control, values), (_, part) in zip(coefficients, motion.coefficients, strict=True):
+            control.set(values + h * part)
         change = h * of_members(self._members, histories)
         accepted = [member.accepted for member in self._members]
         state.accept(_changed(self._history, change))
@@ -133,6 +136,8 @@ class ContactDifference:
         finally:
             for member, before in zip(self._members, accepted, strict=True):
                 member.accept(before)
+            for control, values in coefficients:
+                control.set(values)
         return ContactResult(force, history, released, energy)
 
     def curvature(self, ahead: Floats, behind: Floats) -> float:

@@ -192,8 +192,8 @@ def control_of(value: Any, stepper: Any, place: str) -> Control:
             value, f"{place} a {type(value).__name__} of shape {value.ufl_shape}"
         )
     raise TypeError(
-        "expected as control a fem.Constant or fem.Function in a material, a load, a support or "
-        f"the objective, or stepper.u or stepper.v for the initial state, given {value!r}"
+        "expected as control a fem.Constant or fem.Function in a material, load, support, law of "
+        f"friction or objective, or stepper.u or stepper.v for the initial state, given {value!r}"
     )
 
 

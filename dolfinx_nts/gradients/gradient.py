@@ -44,7 +44,8 @@ class Gradient:
     Args:
         stepper: An `EnergyMomentum`, `Midpoint` or `QuasiStatic` stepper before the run.
         controls: Each a ``fem.Constant`` or ``fem.Function`` in an energy, a load or the
-            objective, or the value [m] of a condition in ``bcs``; a ``fem.Constant`` from which
+            objective, the value [m] of a condition in ``bcs``, or a coefficient of a law of
+            friction, as in ``Coulomb(mu)``; a ``fem.Constant`` from which
             ``update`` computes the values of conditions; or ``stepper.u`` or ``stepper.v`` for the
             initial state. Their values do not change in a run.
         objective: UFL functional of ``stepper.u`` and ``stepper.v`` at the end of the run; or a
@@ -181,14 +182,16 @@ class Gradient:
         objective, of_objective = self._given, tuple[Any, ...]()
         if isinstance(objective, ufl.Form):
             of_objective = (*objective.constants(), *objective.coefficients())
-        derivatives = zip(self._steps.of_controls, self._steps.of_supports, strict=True)
-        for control, ((forms, _), support) in zip(self._parameters, derivatives, strict=True):
-            acts = forms.exists or (support.acts if is_solved else support.may_act)
-            is_known = acts or control.value in of_objective
+        steps = self._steps
+        derivatives = zip(steps.of_controls, steps.of_supports, steps.of_friction, strict=True)
+        for control, parts in zip(self._parameters, derivatives, strict=True):
+            (forms, _), support, is_coefficient = parts
+            acts = support.acts if is_solved else support.may_act
+            is_known = forms.exists or acts or is_coefficient or control.value in of_objective
             if not (is_known or (callable(objective) and not of_objective)):
                 raise ValueError(
-                    "expected controls in an energy, a load, the value of a condition of bcs or "
-                    f"the objective, given {control.name}, which occurs in none"
+                    "expected controls in an energy, a load, a condition of bcs, a law of friction "
+                    f"or the objective, given {control.name}, which occurs in none"
                 )
 
     def _check_kept(self) -> None:

@@ -1,6 +1,7 @@
 """Derivatives of prescribed displacements with respect to controls."""
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from dolfinx import fem, la
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.friction.laws import coefficients_of
 from dolfinx_nts.gradients.controls import ParameterControl
 from dolfinx_nts.integrators.implicit.implicit_stepper import StepEquations
 from dolfinx_nts.parallel import reductions
@@ -67,15 +69,13 @@ class PrescribedDerivative:
         return sources
 
     def _other_data(self) -> list[Any]:
-        """Constants and Functions of forms that must not depend on the control. Local."""
+        """Constants and Functions of forms and friction, which must not depend on it. Local."""
         known = [self._control.value, self._equations.copies.get(self._control.value)]
-        found = {
-            each: None
-            for form in self._equations.bulk.forms
-            for each in (*form.constants(), *form.coefficients())
-            if all(each is not one for one in known)
-        }
-        return [*found]
+        forms, contacts = self._equations.bulk.forms, self._equations.contacts
+        of_forms = ((*form.constants(), *form.coefficients()) for form in forms)
+        of_friction = (coefficients_of(state.pair.friction) for state in contacts)
+        found = dict.fromkeys(chain(*of_forms, *of_friction))
+        return [each for each in found if all(each is not one for one in known)]
 
     def take(self, t_n: float, dt: float) -> None:
         """Compute the derivative in a step of length dt from t_n, both [s].

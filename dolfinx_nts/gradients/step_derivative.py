@@ -3,12 +3,14 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.friction.laws import coefficients_of
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.gradients.bulk_derivatives import BulkDerivatives
 from dolfinx_nts.gradients.contact_derivative import (
@@ -87,6 +89,7 @@ class StepDerivative:
         released: Springs that return energy to the bodies; None without inertia.
         of_controls: Derivatives of the residual with respect to the parameters.
         of_supports: The same of prescribed displacements.
+        of_friction: Whether the parameters are coefficients of friction.
     """
 
     def __init__(self, equations: StepEquations, controls: Sequence[ParameterControl]) -> None:
@@ -97,6 +100,10 @@ class StepDerivative:
         self._derivatives = derivatives = BulkDerivatives(equations.bulk, rates, self.carried)
         self._solver = TangentSolver(equations.tangent, equations.bulk.comm)
         self.of_controls: list[tuple[FormDerivative, FormDerivative]] = []
+        self._controls = controls
+        laws = [coefficients_of(state.pair.friction) for state in equations.contacts]
+        coefficients = [*chain(*laws)]
+        self.of_friction = [any(c.value is each for each in coefficients) for c in controls]
         self.of_supports = [PrescribedDerivative(equations, control) for control in controls]
         mesh = rates.u.function_space.mesh
         for control in controls:
@@ -170,7 +177,9 @@ class StepDerivative:
         if acts:
             force += self._bulk.action(given, with_prescribed=True)
         histories = dict(start.histories)
-        motion = ContactMotion(start.u, self._trial(start) + given, given)
+        known = zip(self._controls, changes, self.of_friction, strict=True)
+        coefficients = [(control, change) for control, change, is_one in known if is_one]
+        motion = ContactMotion(start.u, self._trial(start) + given, given, coefficients)
         for contact in step.contacts:
             force += contact.force_by(motion, histories)
             force += contact.end_product(given) if acts else 0.0
@@ -241,8 +250,14 @@ class StepDerivative:
 
         ``scale`` is the largest derivative of the other forces [N].
         """
-        largest = self._largest([*motion, *(values[:, :3] for values in histories.values())])
         size = min(contact.size for contact in step.differences)
+        # Relative changes of coefficients count like displacements relative to segments.
+        relative = [
+            size * change / (np.abs(control.get()).max() or 1.0)
+            for control, change in motion.coefficients
+        ]
+        lengths = (values[:, :3] for values in histories.values())
+        largest = self._largest([*motion.positions, *lengths, *relative])
         for part in _STEPS:
             h = part * size / largest if largest > 0 else 1.0
             ahead, behind = (

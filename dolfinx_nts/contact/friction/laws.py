@@ -21,11 +21,12 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 
 __all__ = [
     *("SLIP_MEASURES", "Coefficient", "Coulomb", "FrictionLaw", "FrictionNodes"),
-    *("SlipWeakening", "Stribeck", "Tresca", "friction_law"),
+    *("SlipWeakening", "Stribeck", "Tresca", "coefficients_of", "friction_law"),
 ]
 
-# A coefficient of friction: a number, or a scalar Function of the mesh, read at the nodes.
-Coefficient: TypeAlias = float | fem.Function
+# A coefficient of friction: a number, a scalar Constant, or a scalar Function of the mesh, read at
+# the nodes.
+Coefficient: TypeAlias = float | fem.Constant | fem.Function
 
 # Measures of slip, see `Coulomb`.
 SLIP_MEASURES = ("objective", "convective")
@@ -80,16 +81,19 @@ class FrictionNodes:
     def value(self, coefficient: Coefficient) -> Any:
         """Value of a coefficient at each node: the number itself, or shape ``(m,)``.
 
-        A Function is read once in each attempt at a step, at the reference positions of the nodes.
-        A discontinuous Function, such as one of degree 0, has the value of one of the adjacent
-        cells.
+        A Constant has its current value. A Function is read once in each attempt at a step, at the
+        reference positions of the nodes. A discontinuous Function, such as one of degree 0, has the
+        value of one of the adjacent cells.
 
         Raises:
-            TypeError: The Function is not scalar.
-            ValueError: It belongs to another mesh.
+            TypeError: The Constant or Function is not scalar.
+            ValueError: The Function belongs to another mesh.
         """
         if isinstance(coefficient, Real):
             return coefficient
+        if isinstance(coefficient, fem.Constant):
+            _scalar("the coefficient of a friction law", coefficient)
+            return float(coefficient.value)
         if coefficient not in self._known:
             nodes = self._of_surface
             _coefficient("the coefficient of a friction law", coefficient)
@@ -162,8 +166,8 @@ class Coulomb(FrictionLaw):
     """Coulomb's law of friction: a node sticks up to mu times the normal force.
 
     Args:
-        mu: Coefficient of friction [-]: a number, or a scalar Function of the mesh, evaluated at
-            the nodes at the beginning of each step.
+        mu: Coefficient of friction [-]: a number, a scalar Constant, or a scalar Function of the
+            mesh, evaluated at the nodes. Constants and Functions may change between steps.
         eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is
             recoverable. None: no spring, so that a sticking node does not slip at all
             (multipliers). With normal contact by springs, None means a tangential spring that is
@@ -178,7 +182,7 @@ class Coulomb(FrictionLaw):
         mu, eps_T, law: The arguments.
 
     Raises:
-        TypeError: ``mu`` is neither a number nor a Function.
+        TypeError: ``mu`` is neither a number nor a scalar Constant or Function.
         ValueError: ``mu`` is negative, ``eps_T`` not positive, or there is no such ``law``.
 
     Example:
@@ -211,8 +215,7 @@ class Coulomb(FrictionLaw):
         return not (isinstance(self.mu, Real) and self.mu == 0)
 
     def describe(self) -> str:
-        mu = f"{self.mu:g}" if isinstance(self.mu, Real) else "a Function"
-        return f"Coulomb friction with mu = {mu}"
+        return f"Coulomb friction with mu = {_words(self.mu)}"
 
 
 class Stribeck(FrictionLaw):
@@ -225,8 +228,8 @@ class Stribeck(FrictionLaw):
     that slid continues to slide.
 
     Args:
-        static: Static coefficient mu_s [-], a number or a Function, as for `Coulomb`.
-        kinetic: Kinetic coefficient mu_k [-], a number or a Function, as for `Coulomb`.
+        static: Static coefficient mu_s [-], a number, Constant or Function, as for `Coulomb`.
+        kinetic: Kinetic coefficient mu_k [-], a number, Constant or Function, as for `Coulomb`.
         speed: Speed v_s over which the coefficient falls from one to the other [m/s]; 0: static
             where a node sticks, kinetic where it slides.
         viscous: Slope c of the coefficient at high speeds [s/m].
@@ -237,7 +240,7 @@ class Stribeck(FrictionLaw):
         static, kinetic, speed, viscous, power, eps_T: The arguments.
 
     Raises:
-        TypeError: A coefficient is neither a number nor a Function.
+        TypeError: A coefficient is neither a number nor a scalar Constant or Function.
         ValueError: A number is negative, ``eps_T`` not positive, ``power`` below 1.
 
     Example:
@@ -289,8 +292,8 @@ class SlipWeakening(FrictionLaw):
     s is the accumulated slip of a node, as in ``ContactPair.history.slip``. It never decreases.
 
     Args:
-        static: Static coefficient mu_s [-], a number or a Function, as for `Coulomb`.
-        kinetic: Kinetic coefficient mu_k [-], a number or a Function, as for `Coulomb`.
+        static: Static coefficient mu_s [-], a number, Constant or Function, as for `Coulomb`.
+        kinetic: Kinetic coefficient mu_k [-], a number, Constant or Function, as for `Coulomb`.
         length: Decay length L [m].
         eps_T: See `Coulomb`.
 
@@ -298,7 +301,7 @@ class SlipWeakening(FrictionLaw):
         static, kinetic, length, eps_T: The arguments.
 
     Raises:
-        TypeError: A coefficient is neither a number nor a Function.
+        TypeError: A coefficient is neither a number nor a scalar Constant or Function.
         ValueError: A number is negative, ``length`` or ``eps_T`` not positive.
 
     Example:
@@ -337,9 +340,9 @@ class Tresca(FrictionLaw):
 
     Args:
         law: The law of friction that is limited; a number is the coefficient of `Coulomb`.
-        stress: Largest tangential force per reference area [Pa], a number or a Function. The area
-            is that of the facets around a node that face the segments, or in mortar contact the
-            area that segments cover.
+        stress: Largest tangential force per reference area [Pa], a number, Constant or Function.
+            The area is that of the facets around a node that face the segments, or in mortar
+            contact the area that segments cover.
 
     Attributes:
         stress: The argument.
@@ -401,6 +404,17 @@ def friction_law(law: FrictionLaw | float) -> FrictionLaw:
     return law
 
 
+def coefficients_of(law: FrictionLaw | None) -> list[fem.Constant | fem.Function]:
+    """Constants and Functions among the attributes of a law, and of laws among these. Local."""
+    found: list[fem.Constant | fem.Function] = []
+    for value in () if law is None else vars(law).values():
+        if isinstance(value, FrictionLaw):
+            found += coefficients_of(value)
+        elif isinstance(value, fem.Constant | fem.Function):
+            found.append(value)
+    return found
+
+
 def _nodal_values(function: fem.Function, V: fem.FunctionSpace, nodes: Ints) -> Floats:
     """Values of a scalar Function at owned nodes of a space, shape ``(n,)``. Local."""
     if function.function_space.mesh != V.mesh:
@@ -419,12 +433,18 @@ def _nodal_values(function: fem.Function, V: fem.FunctionSpace, nodes: Ints) -> 
 
 
 def _coefficient(name: str, value: Coefficient) -> Coefficient:
-    """Check a coefficient: a number >= 0, or a scalar Function."""
-    if not isinstance(value, fem.Function):
+    """Check a coefficient: a number >= 0, or a scalar Constant or Function."""
+    if not isinstance(value, fem.Constant | fem.Function):
         return nonnegative(name, value)
-    if value.ufl_shape:
-        raise TypeError(f"expected {name} as a scalar Function, given shape {value.ufl_shape}")
+    _scalar(name, value)
     return value
+
+
+def _scalar(name: str, value: fem.Constant | fem.Function) -> None:
+    """Check that a Constant or Function is scalar."""
+    if value.ufl_shape:
+        kind = type(value).__name__
+        raise TypeError(f"expected {name} as a scalar {kind}, given shape {value.ufl_shape}")
 
 
 def _stiffness(eps_T: float | None) -> float | None:
@@ -432,4 +452,6 @@ def _stiffness(eps_T: float | None) -> float | None:
 
 
 def _words(coefficient: Coefficient) -> str:
-    return f"{coefficient:g}" if isinstance(coefficient, Real) else "a Function"
+    if isinstance(coefficient, Real):
+        return f"{coefficient:g}"
+    return f"a {type(coefficient).__name__}"

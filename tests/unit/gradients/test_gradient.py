@@ -9,33 +9,13 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.implicit.mortar.frozen_points import FrozenPoints
-from helpers.gradients import ADJOINT, DIFFERENCES, boxes, check
+from helpers.gradients import ADJOINT, DIFFERENCES, boxes, check, impact
 from helpers.models import box_meshes
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
 NODES, MORTAR = {"method": "node-to-segment"}, {"method": "mortar"}
-
-
-def impact(comm, scheme=nts.EnergyMomentum, *, steps=8, clamped=True, degree=1, **contact):
-    """Gradient of a box that falls on a clamped one, with respect to the material."""
-    shapes, sizes = [(3, 3, 1), (2, 2, 2)], [(1.2, 1.2, 0.4), (0.6, 0.6, 0.5)]
-    V, facets, tag, bodies, controls = boxes(comm, shapes, sizes, degree=degree)
-    obstacle = contact.pop("obstacle", None)
-    below = obstacle or nts.Surface(V, facets, tag["top 0"])
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["bottom 1"]), below, **contact)
-    floor = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
-    bcs = [fem.dirichletbc(np.zeros(3), floor, V)] if clamped else []
-    stepper = scheme(bodies, [pair], dt=0.01, bcs=bcs)
-    stepper.set_velocity(
-        bodies[1], lambda X: np.array([0.3 + 0 * X[0], 0.1 * X[0], 0.2 * X[0] - 2.0])
-    )
-    w = fem.Function(V)
-    w.interpolate(lambda X: X)
-    u, v = stepper.u, stepper.v
-    J = ufl.inner(u - w, u) * ufl.dx + 0.01 * ufl.inner(v, v) * ufl.dx + ufl.inner(v, w) * ufl.dx
-    return stepper, list(controls), J, 0.01 * steps
 
 
 def layers(comm, *, gap=0.0, dt=0.01, **contact):

@@ -9,36 +9,13 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.implicit.mortar.frozen_points import SettlingPoints
-from helpers.gradients import ADJOINT, boxes, check
+from helpers.gradients import ADJOINT, ALONG, check, pressed
 from helpers.models import box_meshes
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
 NODES, MORTAR, FRICTION = {"method": "node-to-segment"}, {"method": "mortar"}, nts.Coulomb(0.3)
-# Displacements of the top of a box [m]: down, and along the other one.
-DOWN, ALONG = (0.02, 0.01, -0.12), (0.25, 0.1, -0.1)
-
-
-def press(comm, *, to=DOWN, steps=4, degree=1, **contact):
-    """Gradient of a tilted box whose top is moved against a clamped one, for the material."""
-    shapes, sizes = [(3, 3, 1), (2, 2, 2)], [(1.2, 1.2, 0.4), (0.6, 0.6, 0.5)]
-    V, facets, tag, bodies, controls = boxes(comm, shapes, sizes, degree=degree)
-    below, above = (nts.Surface(V, facets, tag[name]) for name in ("top 0", "bottom 1"))
-    pair = nts.ContactPair(above, below, **{"enforcement": nts.Penalty(), **contact})
-    floor = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
-    top = fem.locate_dofs_topological(V, 2, facets.find(tag["top 1"]))
-    motion = fem.Constant(V.mesh, np.zeros(3))
-    bcs = [fem.dirichletbc(np.zeros(3), floor, V), fem.dirichletbc(motion, top, V)]
-
-    def update(t):
-        motion.value[:] = t * np.array(to)
-
-    stepper = nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
-    w = fem.Function(V)
-    w.interpolate(lambda X: X)
-    J = ufl.inner(stepper.u - w, stepper.u) * ufl.dx
-    return stepper, list(controls), J, 0.25 * steps
 
 
 def resting(comm, **contact):
@@ -77,8 +54,8 @@ def resting(comm, **contact):
     ],
 )
 def test_derivatives_of_equilibria(comm, contact):
-    stepper, controls, J, until = press(comm, **contact)
-    gradient = nts.Gradient(stepper, controls, J, until=until)
+    stepper, controls, J, until = pressed(comm, nts.QuasiStatic, **contact)
+    gradient = nts.Gradient(stepper, controls[1:], J, until=until)
     has_adjoint = contact["method"] != "mortar" and "friction" not in contact
     check(gradient, np.array([200.0, -300.0]), exact=ADJOINT if has_adjoint else 1e-8)
 
@@ -87,7 +64,8 @@ def test_derivatives_of_equilibria(comm, contact):
 @pytest.mark.parametrize("method", [NODES, MORTAR], ids=["nodes", "mortar"])
 def test_gradient_does_not_depend_on_the_ranks(comm, agree, method):
     several, alone = (
-        nts.Gradient(*press(each, **method)[:3], until=0.5) for each in (comm, MPI.COMM_SELF)
+        nts.Gradient(*pressed(each, nts.QuasiStatic, **method)[:3], until=0.5)
+        for each in (comm, MPI.COMM_SELF)
     )
     assert agree(np.allclose(several.gradient(), alone.gradient(), rtol=1e-8, atol=0))
 
@@ -106,7 +84,7 @@ def test_motions_that_nothing_resists_are_refused(comm, refused):
 
 
 def test_points_that_do_not_settle_are_refused(comm, refused, monkeypatch):
-    stepper, controls, J, until = press(comm, **MORTAR)
+    stepper, controls, J, until = pressed(comm, nts.QuasiStatic, **MORTAR)
     gradient = nts.Gradient(stepper, controls, J, until=until)
     with monkeypatch.context() as patch:
         patch.setattr(SettlingPoints, "_most_renewals", 0)
@@ -116,6 +94,6 @@ def test_points_that_do_not_settle_are_refused(comm, refused, monkeypatch):
 
 
 def test_multipliers_in_statics_are_refused(comm, refused):
-    stepper, controls, J, until = press(comm, enforcement=None, **MORTAR)
+    stepper, controls, J, until = pressed(comm, nts.QuasiStatic, enforcement=None, **MORTAR)
     with refused(ValueError, "expected contact by springs"):
         nts.Gradient(stepper, controls, J, until=until)
