@@ -13,6 +13,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState, keep_springs, springs_of
 from dolfinx_nts.gradients.controls import InitialControl, ParameterControl, control_of
 from dolfinx_nts.gradients.objective import Objective, Term
+from dolfinx_nts.gradients.start_derivative import start_derivative
 from dolfinx_nts.gradients.step_derivative import MotionState, StepDerivative, StepRecord
 from dolfinx_nts.gradients.stored_run import StoredRun
 from dolfinx_nts.gradients.support import check_supported, has_adjoint
@@ -42,13 +43,15 @@ class Gradient:
     controls where this changes, derivatives are one-sided. Collective, as are all methods.
 
     Args:
-        stepper: An `EnergyMomentum`, `Midpoint` or `QuasiStatic` stepper before the run.
+        stepper: An `EnergyMomentum`, `Midpoint`, `GeneralizedAlpha` or `QuasiStatic` stepper before
+            the run.
         controls: Each a ``fem.Constant`` or ``fem.Function`` in an energy, a load or the
             objective, the value [m] of a condition in ``bcs``, or a coefficient of a law of
             friction, as in ``Coulomb(mu)``; a ``fem.Constant`` from which
             ``update`` computes the values of conditions; or ``stepper.u`` or ``stepper.v`` for the
             initial state. Their values do not change in a run.
-        objective: UFL functional of ``stepper.u`` and ``stepper.v`` at the end of the run; or a
+        objective: UFL functional of ``stepper.u`` and ``stepper.v``, in `GeneralizedAlpha` also
+            ``stepper.a``, at the end of the run; or a
             function of the time [s] that returns a functional of the state at the end of a step
             ending then, or None. The objective is the sum of all of them.
         until: Time at the end of the run [s].
@@ -101,8 +104,10 @@ class Gradient:
         self._comm = stepper.u.function_space.mesh.comm
         self._equations = equations = equations_of(stepper)
         self._steps = StepDerivative(equations, self._parameters)
+        self._begin = start_derivative(equations, self._parameters)
         values = [control.value for control in self._parameters]
-        self._objective = Objective(objective, (stepper.u, stepper.v), values)
+        state = (stepper.u, stepper.v, *self._steps.carried[1:])
+        self._objective = Objective(objective, state, values)
         self._given = objective
         self._check_occurrence()
         self._start = Snapshot()
@@ -279,6 +284,8 @@ class Gradient:
                 for gradient, form in zip(gradients, term.of_parameters, strict=True):
                     gradient += form.gradient() if form.exists else 0.0
             costate = self._steps.adjoint(step, _with(costate, slopes), gradients)
+        if self._stored.computes_acceleration and self._begin is not None:
+            costate = self._begin.adjoint(step, costate, gradients)
         known = iter(gradients)
         return np.concatenate(
             [
@@ -299,8 +306,10 @@ class Gradient:
             if isinstance(control, InitialControl):
                 values = change.rates[0] if control.is_velocity else change.u
                 values.ravel()[:] = control.owned(part)
-        total = 0.0
+        total, begin = 0.0, self._begin if self._stored.computes_acceleration else None
         for step, is_end in self._stored.steps(backwards=False):
+            if begin is not None:
+                change, begin = begin.tangent(step, change, changes), None
             change = self._steps.tangent(step, change, changes)
             term, slopes = self._slopes(step, is_end=is_end)
             if term is not None:
@@ -312,6 +321,6 @@ class Gradient:
 
 
 def _with(costate: MotionState, slopes: Sequence[Floats]) -> MotionState:
-    """Costate plus the slopes of a term with respect to displacement and velocity. Local."""
-    rates = [old + (slopes[1] if number == 0 else 0.0) for number, old in enumerate(costate.rates)]
+    """Costate plus the slopes of a term with respect to displacement and rates. Local."""
+    rates = [old + slope for old, slope in zip(costate.rates, slopes[1:], strict=False)]
     return costate._replace(u=costate.u + slopes[0], rates=rates)

@@ -1,5 +1,6 @@
 """Which steppers have derivatives."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from dolfinx_nts.common.arguments import kind_of
@@ -14,7 +15,7 @@ from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
-__all__ = ["check_resisted", "check_supported", "has_adjoint", "has_exact_derivative"]
+__all__ = ["check_open", "check_resisted", "check_supported", "has_adjoint", "has_exact_derivative"]
 
 
 def check_supported(stepper: Any) -> None:
@@ -59,6 +60,22 @@ def check_supported(stepper: Any) -> None:
                 "expected fixed obstacles for gradients, given the moving "
                 f"{contact.segments.name}: the surface of a stiff body that its supports move has "
                 "derivatives"
+            )
+
+
+def check_open(steps: Sequence[ContactStep]) -> None:
+    """Check that springs have no force at the start of a step. Collective.
+
+    Raises:
+        ValueError: A node is inside, so that the acceleration at the start depends on springs.
+    """
+    for step in steps:
+        state = step.state
+        if reductions.anywhere(state.nodes.V.mesh.comm, bool((step.search.start[1] < 0).any())):
+            raise ValueError(
+                "expected open contact at the start of a run for gradients, as the acceleration "
+                f"follows from the forces there, given {state.pair.between} with nodes inside: "
+                "begin with a gap, or make the gradient after a first step"
             )
 
 

@@ -567,12 +567,15 @@ class ImplicitStepper(Stepper):
             reactions=reactions,
         )
 
-    def _set_data(self, t_n: float, dt: float) -> None:
-        """Set loads, supports and motions as in a former step of length dt from t_n, both [s]."""
+    def _set_data(self, t_n: float, dt: float, point: float | None = None) -> None:
+        """Set loads, supports and motions as in a former step of length dt from t_n, both [s].
+
+        ``point`` is the time of the loads as a fraction of the step; None for that of the scheme.
+        """
         self.t, self._dt.value[...] = t_n, dt
         with self._steps_of(dt):
             self._script.update(t_n + dt)
-            self._load_at(self.scheme.load_point)
+            self._load_at(self.scheme.load_point if point is None else point)
             self._begin(t_n, t_n + dt)
 
     def _work_of_solvers(self) -> tuple[int, SolverStatistics]:
@@ -596,6 +599,8 @@ class StepEquations(NamedTuple):
         updates: Whether ``update`` sets values of supports and loads.
         set_data: Function ``set_data(t_n, dt)`` that sets loads, supports and motions as in a
             former step of length dt from t_n, both [s]. Collective.
+        set_start: Function of t_n and dt that sets the loads at t_n instead. Collective.
+        bodies: All bodies.
     """
 
     bulk: Bulk
@@ -607,6 +612,8 @@ class StepEquations(NamedTuple):
     relief: InertiaRelief
     updates: bool
     set_data: Callable[[float, float], None]
+    set_start: Callable[[float, float], None]
+    bodies: Sequence[Body]
 
 
 def equations_of(stepper: ImplicitStepper) -> StepEquations:
@@ -621,6 +628,8 @@ def equations_of(stepper: ImplicitStepper) -> StepEquations:
         stepper._step_solver.relief,
         stepper._updates,
         stepper._set_data,
+        partial(stepper._set_data, point=0.0),
+        stepper.bodies,
     )
 
 

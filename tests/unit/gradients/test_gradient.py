@@ -66,7 +66,10 @@ def tension(comm, scheme):
     return stepper, controls, J
 
 
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.Midpoint), once(nts.QuasiStatic)])
+@pytest.mark.parametrize(
+    "scheme",
+    [nts.EnergyMomentum, nts.GeneralizedAlpha, once(nts.Midpoint), once(nts.QuasiStatic)],
+)
 def test_derivatives_without_contact(comm, rng, scheme):
     stepper, controls, J = tension(comm, scheme)
     gradient = nts.Gradient(stepper, controls, J, until=0.04)
@@ -83,6 +86,9 @@ def test_derivatives_without_contact(comm, rng, scheme):
         once(nts.EnergyMomentum, {"friction": nts.Coulomb(0.3), **NODES}),
         once(nts.EnergyMomentum, {"friction": nts.Coulomb(0.3), **MORTAR}),
         once(nts.Midpoint, {"enforcement": nts.Penalty(2e3), **NODES}),
+        (nts.GeneralizedAlpha, {**NODES}),
+        once(nts.GeneralizedAlpha, {**MORTAR}),
+        once(nts.GeneralizedAlpha, {"friction": nts.Coulomb(0.3), **NODES}),
         once(nts.EnergyMomentum, {"degree": 2, "enforcement": nts.Penalty(2e3), **NODES}),
         once(nts.EnergyMomentum, {"degree": 2, "steps": 6, **MORTAR}),
         once(nts.EnergyMomentum, {"obstacle": nts.RigidPlane((0.0, 0.0, 0.4), (0.1, 0.05, 1.0))}),
@@ -134,12 +140,45 @@ def test_derivatives_if_the_gap_closes_at_the_end_of_a_step(comm, method):
     assert np.allclose(closes, nearly, rtol=1e-3, atol=0)
 
 
-def test_derivatives_through_contact_with_respect_to_the_initial_state(comm, rng):
-    stepper, _, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.GeneralizedAlpha])
+def test_derivatives_through_contact_with_respect_to_the_initial_state(comm, rng, scheme):
+    stepper, _, J, until = impact(comm, scheme, enforcement=nts.Penalty(2e3), **NODES)
     gradient = nts.Gradient(stepper, [stepper.u, stepper.v], J, until=until)
     direction = rng.standard_normal(gradient.controls.size)
     direction[: len(direction) // 2] *= 0.01
     check(gradient, 0.1 * direction)
+
+
+def test_derivatives_of_the_acceleration_of_a_first_step(comm):
+    """It depends on loads and stress at the start; the objective contains the last one."""
+    data = box_meshes.boxes([(2, 2, 2)], [(1.0, 0.8, 0.6)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    force, mu = (fem.Constant(mesh, value) for value in (30.0, 500.0))
+
+    def psi(C):
+        J2 = ufl.det(C)
+        return mu / 2 * (ufl.tr(C) - 3 - ufl.ln(J2)) + 100.0 * ufl.ln(J2) ** 2
+
+    soft = nts.Body(V, cells, tag["body 0"], nts.Hyperelastic(psi, rho=10.0, one_point=()))
+    pull = nts.FormLoad(V, lambda u, eta, t: (1 + t) * force * eta[0] * ufl.dx)
+    floor = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
+    bcs = [fem.dirichletbc(np.zeros(3), floor, V)]
+    stepper = nts.GeneralizedAlpha([soft], dt=0.01, bcs=bcs, loads=[pull])
+    stepper.set_displacement(soft, lambda X: 0.1 * X[2] * np.array([X[1], X[0], X[2]]))
+    J = ufl.inner(stepper.a, stepper.a) * ufl.dx
+    gradient = nts.Gradient(stepper, [force, mu, stepper.u], J, until=0.03)
+    direction = np.full(gradient.controls.size, 0.01)
+    direction[:2] = 5.0, 100.0
+    check(gradient, direction)
+
+
+def test_springs_with_force_at_the_start_of_generalized_alpha_are_refused(comm, refused):
+    stepper, controls, J, until = impact(comm, nts.GeneralizedAlpha, **NODES)
+    stepper.set_displacement(stepper.bodies[1], (0.0, 0.0, -0.06))
+    gradient = nts.Gradient(stepper, controls, J, until=until)
+    with refused(ValueError, "expected open contact at the start of a run"):
+        gradient.value()
 
 
 def test_energy_and_momentum_after_an_impact_do_not_depend_on_the_material(comm):
@@ -176,8 +215,9 @@ def test_sum_of_functionals_at_the_ends_of_steps(comm):
     assert np.allclose(both.gradient(), np.sum(each, axis=0), rtol=1e-9, atol=0)
 
 
-def test_gradient_in_the_middle_of_a_run(comm):
-    stepper, controls, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.GeneralizedAlpha)])
+def test_gradient_in_the_middle_of_a_run(comm, scheme):
+    stepper, controls, J, until = impact(comm, scheme, enforcement=nts.Penalty(2e3), **NODES)
     for _ in stepper.run(until=0.04):
         pass
     check(nts.Gradient(stepper, controls, J, until=until), np.array([200.0, -300.0]))
@@ -206,9 +246,8 @@ def test_parts_without_derivatives_are_refused(comm, refused):
         nts.Gradient(stepper, controls, J, until=0.0)
     with refused(TypeError, "expected as objective"):
         nts.Gradient(stepper, controls, 1.0, until=until)
-    stepper, controls, J, until = impact(comm, nts.GeneralizedAlpha, **NODES)
-    with refused(TypeError, "expected a stepper"):
-        nts.Gradient(stepper, controls, J, until=until)
+    with refused(TypeError, "expected an implicit stepper"):
+        nts.Gradient(nts.CentralDifference(stepper.bodies, dt=1e-4), controls, J, until=until)
     stepper, controls, J, until = impact(comm, enforcement=nts.LagrangeMultiplier(), **NODES)
     with refused(ValueError, "expected contact by springs"):
         nts.Gradient(stepper, controls, J, until=until)
