@@ -198,8 +198,9 @@ def test_energy_and_momentum_after_an_impact_do_not_depend_on_the_material(comm)
     assert abs(of_kinetic) > 0 and np.abs(of_conserved).max() < 1e-9 * abs(of_kinetic)
 
 
-def test_gradient_with_few_stored_steps_is_the_same(comm):
-    stepper, controls, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.GeneralizedAlpha)])
+def test_gradient_with_few_stored_steps_is_the_same(comm, scheme):
+    stepper, controls, J, until = impact(comm, scheme, enforcement=nts.Penalty(2e3), **NODES)
     both = [nts.Gradient(stepper, controls, J, until=until, stored_steps=n) for n in (None, 3)]
     every, few = (gradient.gradient() for gradient in both)
     assert np.abs(every).min() > 0 and np.allclose(every, few, rtol=ADJOINT, atol=0)
