@@ -34,7 +34,7 @@ __all__ = ["ContactDifference", "ContactResult"]
 # Error of repeated forces relative to the largest one [-] above which their points differ.
 _SAME = 1e-6
 # The same for points that are chosen at the end of a step of statics, where they have settled.
-_SETTLED = 1e-4
+_SETTLED = 1e-5
 # Values of the history of a node on which the next step depends, and their positions in arrays.
 _SCALARS = ("offset", "gap", "soft_depth", "part", "slip", "energy")
 _VECTORS = ("traction", "normal")
@@ -174,8 +174,8 @@ class ContactDifference:
                 "shorter steps help"
                 if not self.settles
                 else "expected contact points that settle in equilibrium for a derivative, given "
-                f"{self.between} in a step whose result depends on states on the way: shorter "
-                "steps or method 'node-to-segment' may help"
+                f"{self.between} in a step whose result depends on states on the way: method "
+                "'node-to-segment' has no such points; shorter steps or finer facets may help, too"
             )
 
     def _repeat(
