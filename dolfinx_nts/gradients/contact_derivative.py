@@ -17,6 +17,7 @@ from dolfinx_nts.contact.implicit.normal.penalty import PenaltyContact
 from dolfinx_nts.contact.joint_state import members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import in_space, of_space
+from dolfinx_nts.gradients.controls import ParameterControl
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["WIDTH", "ContactDerivative", "ContactMotion", "Histories", "of_members", "store"]
@@ -35,11 +36,18 @@ class ContactMotion(NamedTuple):
         start: At the start of the step.
         trial: In the trial motion of the search.
         end: At the end of the step.
+        coefficients: Perturbations of coefficients of friction, ``(size,)``, with their controls.
     """
 
     start: Floats
     trial: Floats
     end: Floats
+    coefficients: Sequence[tuple[ParameterControl, Floats]] = ()
+
+    @property
+    def positions(self) -> tuple[Floats, Floats, Floats]:
+        """Perturbations of start, trial and end."""
+        return self.start, self.trial, self.end
 
 
 class _Rows:
@@ -186,7 +194,7 @@ class ContactDerivative:
 
     def _inputs(self, motion: ContactMotion, histories: Histories) -> Floats:
         """Perturbations of the inputs of `SpringDerivatives`, shape ``(m, 6)``."""
-        start, trial, end = map(self._at, motion)
+        start, trial, end = map(self._at, motion.positions)
         approach = self._approach_n.of(start) - self._approach.of(trial)
         gaps = self._gap_n.of(start), self._gap.of(end)
         return np.column_stack([*gaps, self._of_nodes(histories), approach])

@@ -3,6 +3,7 @@
 In mortar contact the points and their weights depend on the start of the step and on the trial
 motion, through the parts of facets that face each other. They are differentiated with all else that
 a step of contact computes: the force at the end of the step, which is fixed, and then the history.
+In statics points are chosen in equilibrium, so that their trial motion is that of the end.
 """
 
 from dataclasses import replace
@@ -32,6 +33,8 @@ __all__ = ["ContactDifference", "ContactResult"]
 
 # Error of repeated forces relative to the largest one [-] above which their points differ.
 _SAME = 1e-6
+# The same for points that are chosen at the end of a step of statics, where they have settled.
+_SETTLED = 1e-5
 # Values of the history of a node on which the next step depends, and their positions in arrays.
 _SCALARS = ("offset", "gap", "soft_depth", "part", "slip", "energy")
 _VECTORS = ("traction", "normal")
@@ -57,6 +60,9 @@ class ContactDifference:
 
     Attributes:
         size: Diameter of the longest segment [m].
+        between: Names of the surfaces.
+        settles: Whether contact points are those of the end of the step, as in statics. The trial
+            motion then has the changes of the end.
 
     Raises:
         ValueError: The step has chosen its contact points again on the way.
@@ -70,13 +76,20 @@ class ContactDifference:
         released: ReleasedSprings | None,
     ) -> None:
         self._step, self._last, self._released = step, last, released
-        self._ends, self._members = (*step.begins_from, x), members(step.state)
-        self._history = step.state.history
+        self._members, self._history = members(step.state), step.state.history
         self._scatter = step.candidates.scatter
         self.size: float = max(member.pair.segment_size for member in self._members)
-        shape = step.state.nodes.V.dofmap.index_map.size_local, dimension(step.state.nodes.V)
-        self._force = contact_residual([step], [last], shape).reshape(shape)
-        self._check()
+        self.between = step.state.pair.between
+        n, d = step.state.nodes.V.dofmap.index_map.size_local, dimension(step.state.nodes.V)
+        self._force = contact_residual([step], [last], (n, d)).reshape(n, d)
+        (x_n, x_trial), chosen_at = step.begins_from, step.search.chosen_at
+        self.settles = chosen_at is not None
+        if chosen_at is not None:
+            x_trial = self._spread(step.state.search.frame.in_space(chosen_at)[:n, :d])
+        self._ends = x_n, x_trial, x
+        self._check(x_trial, _SAME)
+        if self.settles:
+            self._check(x, _SETTLED)
 
     def end_product(self, x: Floats) -> Floats:
         """Derivative of the force with respect to the end of the step, times ``(n, d)``."""
@@ -96,15 +109,18 @@ class ContactDifference:
         """Contact of a step, with positions and histories perturbed by h times given ones.
 
         Args:
-            motion: Changes of positions.
+            motion: Changes of positions and coefficients of friction.
             h: Factor of all changes [-].
             histories: Changes of the histories at the start of the step.
         """
         state, (n, d) = self._step.state, motion.start.shape
         x_n, x_trial, x = (
             there + h * self._spread(change)
-            for there, change in zip(self._ends, motion, strict=True)
+            for there, change in zip(self._ends, motion.positions, strict=True)
         )
+        coefficients = [(control, control.get()) for control, _ in motion.coefficients]
+        for (control, values), (_, part) in zip(coefficients, motion.coefficients, strict=True):
+            control.set(values + h * part)
         change = h * of_members(self._members, histories)
         accepted = [member.accepted for member in self._members]
         state.accept(_changed(self._history, change))
@@ -120,6 +136,8 @@ class ContactDifference:
         finally:
             for member, before in zip(self._members, accepted, strict=True):
                 member.accept(before)
+            for control, values in coefficients:
+                control.set(values)
         return ContactResult(force, history, released, energy)
 
     def curvature(self, ahead: Floats, behind: Floats) -> float:
@@ -130,14 +148,18 @@ class ContactDifference:
         error = float(np.abs((ahead + behind) / 2 - self._force).max(initial=0.0))
         return reductions.largest(self._scatter.index_map.comm, error)
 
-    def _check(self) -> None:
+    def _check(self, x_trial: Floats, tolerance: float) -> None:
         """Check that the contact of the step can be repeated.
+
+        Args:
+            x_trial: Positions at which the points are chosen, shape ``(l, 3)`` [m].
+            tolerance: Admissible error relative to the largest force [-].
 
         Raises:
             ValueError: The step has chosen its contact points again on the way.
         """
         n, d = self._force.shape
-        step, last = self._repeat(*self._ends)
+        step, last = self._repeat(self._ends[0], x_trial, self._ends[2])
         force = contact_residual([step], [last], (n, d)).reshape(n, d)
         # Springs that touch by round-off of positions may push in any direction.
         eps_N = self._step.state.eps_N
@@ -145,11 +167,15 @@ class ContactDifference:
         parts = force - self._force, self._force, ROUNDING * self.size * eps_N
         own = np.array([float(np.abs(part).max(initial=0.0)) for part in parts])
         error, size, rounding = reductions.largest(self._scatter.index_map.comm, own)
-        if error > _SAME * size + rounding:
+        if error > tolerance * size + rounding:
             raise ValueError(
                 "expected steps whose contact points are chosen once for a derivative, given one "
-                f"of {self._step.state.pair.between} in which points slid off their segments or "
-                "vertices touched: shorter steps help"
+                f"of {self.between} in which points slid off their segments or vertices touched: "
+                "shorter steps help"
+                if not self.settles
+                else "expected contact points that settle in equilibrium for a derivative, given "
+                f"{self.between} in a step whose result depends on states on the way: method "
+                "'node-to-segment' has no such points; shorter steps or finer facets may help, too"
             )
 
     def _repeat(

@@ -107,14 +107,15 @@ class Control(ABC):
 
 
 class ParameterControl(Control):
-    """A Constant or Function in a material, a density, a load or an objective.
+    """A Constant or Function in a material, a density, a load, a support or an objective.
 
     Args:
         value: The Constant or Function.
+        name: Its name in messages.
     """
 
-    def __init__(self, value: fem.Constant | fem.Function) -> None:
-        self.value = value
+    def __init__(self, value: fem.Constant | fem.Function, name: str = "a control") -> None:
+        self.value, self.name = value, name
         is_constant = isinstance(value, fem.Constant)
         self.size = value.value.size if is_constant else _size(value.function_space)
 
@@ -124,6 +125,14 @@ class ParameterControl(Control):
             numbers: Floats = np.array(value.value, dtype=float).ravel()
             return numbers
         return _gathered(value, value.x.array[: _num_owned(value.function_space)])
+
+    def holds(self, values: Floats) -> bool:
+        """Whether the control has given values, shape ``(size,)``. Local."""
+        value = self.value
+        if isinstance(value, fem.Constant):
+            return np.array_equal(value.value.ravel(), values)
+        own = value.x.array[: _num_owned(value.function_space)]
+        return np.array_equal(own, _owned_values(value, values))
 
     def set(self, values: Floats) -> None:
         if isinstance(self.value, fem.Constant):
@@ -165,8 +174,13 @@ class InitialControl(Control):
         return _owned_values(self.function, values)
 
 
-def control_of(value: Any, stepper: Any) -> Control:
+def control_of(value: Any, stepper: Any, place: str) -> Control:
     """Control for what a user lists. Local.
+
+    Args:
+        value: The Constant or Function.
+        stepper: The stepper.
+        place: Its place in the list, for messages.
 
     Raises:
         TypeError: It is neither a Constant nor a Function.
@@ -174,10 +188,12 @@ def control_of(value: Any, stepper: Any) -> Control:
     if value is stepper.u or value is stepper.v:
         return InitialControl(value, stepper)
     if isinstance(value, fem.Constant | fem.Function):
-        return ParameterControl(value)
+        return ParameterControl(
+            value, f"{place} a {type(value).__name__} of shape {value.ufl_shape}"
+        )
     raise TypeError(
-        "expected as control a fem.Constant or fem.Function in a material, a load or the "
-        f"objective, or stepper.u or stepper.v for the initial state, given {value!r}"
+        "expected as control a fem.Constant or fem.Function in a material, load, support, law of "
+        f"friction or objective, or stepper.u or stepper.v for the initial state, given {value!r}"
     )
 
 

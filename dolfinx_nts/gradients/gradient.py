@@ -13,9 +13,10 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState, keep_springs, springs_of
 from dolfinx_nts.gradients.controls import InitialControl, ParameterControl, control_of
 from dolfinx_nts.gradients.objective import Objective, Term
+from dolfinx_nts.gradients.start_derivative import start_derivative
 from dolfinx_nts.gradients.step_derivative import MotionState, StepDerivative, StepRecord
 from dolfinx_nts.gradients.stored_run import StoredRun
-from dolfinx_nts.gradients.support import check_laws, check_supported, has_adjoint
+from dolfinx_nts.gradients.support import check_supported, has_adjoint
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper, equations_of
 from dolfinx_nts.integrators.step_control import ROUND_OFF
 from dolfinx_nts.parallel import reductions
@@ -34,17 +35,23 @@ class Gradient:
     differentiated exactly. Mortar contact and friction are differentiated by central differences of
     the contact of each step along one direction, with errors of about 1e-8, or up to 1e-5 of a step
     in which nodes touch just then. Runs in which such contact chooses its points again within a
-    step raise a ValueError. Optimisers of SciPy take `value` and `gradient` as they are. Each call
-    repeats the run from the state at which the object was made, and leaves the stepper at the end
-    of the run. Springs of contact keep the stiffness that the first run has chosen. Which nodes
-    touch, and whether they slip, is constant within a step; at controls where this changes,
-    derivatives are one-sided. Collective, as are all methods.
+    step raise a ValueError, also those of statics whose points do not settle in equilibrium, and
+    those of statics with rigid motions that nothing resists. Optimisers of SciPy take `value` and
+    `gradient` as they are. Each call repeats the run from the state at which the object was made,
+    and leaves the stepper at the end of the run. Springs of contact keep the stiffness that the
+    first run has chosen. Which nodes touch, and whether they slip, is constant within a step; at
+    controls where this changes, derivatives are one-sided. Collective, as are all methods.
 
     Args:
-        stepper: An `EnergyMomentum`, `Midpoint` or `QuasiStatic` stepper before the run.
+        stepper: An `EnergyMomentum`, `Midpoint`, `GeneralizedAlpha` or `QuasiStatic` stepper before
+            the run.
         controls: Each a ``fem.Constant`` or ``fem.Function`` in an energy, a load or the
-            objective, or ``stepper.u`` or ``stepper.v`` for the initial state.
-        objective: UFL functional of ``stepper.u`` and ``stepper.v`` at the end of the run; or a
+            objective, the value [m] of a condition in ``bcs``, or a coefficient of a law of
+            friction, as in ``Coulomb(mu)``; a ``fem.Constant`` from which
+            ``update`` computes the values of conditions; or ``stepper.u`` or ``stepper.v`` for the
+            initial state. Their values do not change in a run.
+        objective: UFL functional of ``stepper.u`` and ``stepper.v``, in `GeneralizedAlpha` also
+            ``stepper.a``, at the end of the run; or a
             function of the time [s] that returns a functional of the state at the end of a step
             ending then, or None. The objective is the sum of all of them.
         until: Time at the end of the run [s].
@@ -58,7 +65,8 @@ class Gradient:
     Raises:
         TypeError: A control or the objective is of another kind.
         ValueError: The stepper has parts without derivatives, which the message names, or a control
-            occurs nowhere.
+            occurs nowhere. The methods raise it, too, if a control changes in the run, or if
+            ``update`` computes other data from it than values of conditions.
 
     Example:
         >>> stepper = nts.EnergyMomentum(bodies, dt=0.01)
@@ -85,24 +93,28 @@ class Gradient:
                 f"given until = {until:g}: make all gradients before the first run"
             )
         self._every = None if stored_steps is None else whole("stored_steps", stored_steps)
-        self._controls = [control_of(value, stepper) for value in controls]
+        self._controls = [
+            control_of(value, stepper, f"control {i} of {len(controls)},")
+            for i, value in enumerate(controls, start=1)
+        ]
         if not self._controls:
             raise ValueError("expected at least one control, given none")
         self._ends = np.cumsum([control.size for control in self._controls])
         self._parameters = [c for c in self._controls if isinstance(c, ParameterControl)]
         self._comm = stepper.u.function_space.mesh.comm
-        equations = equations_of(stepper)
+        self._equations = equations = equations_of(stepper)
         self._steps = StepDerivative(equations, self._parameters)
+        self._begin = start_derivative(equations, self._parameters)
         values = [control.value for control in self._parameters]
-        check_laws(stepper, values)
-        self._objective = Objective(objective, (stepper.u, stepper.v), values)
-        self._check_occurrence(objective)
+        state = (stepper.u, stepper.v, *self._steps.carried[1:])
+        self._objective = Objective(objective, state, values)
+        self._given = objective
+        self._check_occurrence()
         self._start = Snapshot()
         stepper.serialize(self._start)
         # Values of initial states; the stepper has those at the end of the run.
         self._x = np.concatenate([control.get() for control in self._controls])
         # Springs of the first run, by pair.
-        self._contacts: Sequence[PairState] = equations.contacts
         self._springs: dict[PairState, tuple[Any, ...]] = {}
         # The last run: its controls, objective and states.
         self._of: Floats | None = None
@@ -166,20 +178,38 @@ class Gradient:
         with self._kept():
             return self._tangent(self._checked(direction, "a direction"))
 
-    def _check_occurrence(self, objective: Any) -> None:
-        """Raise if a control occurs nowhere; functions of the time may return any form."""
-        of_objective: tuple[Any, ...] = ()
+    def _check_occurrence(self, *, is_solved: bool = False) -> None:
+        """Raise if a control occurs nowhere; functions of the time may return any form.
+
+        ``is_solved`` is whether all steps have been differentiated, so that it is known what
+        ``update`` computes from controls.
+        """
+        objective, of_objective = self._given, tuple[Any, ...]()
         if isinstance(objective, ufl.Form):
             of_objective = (*objective.constants(), *objective.coefficients())
-        for control, (forms, _) in zip(self._parameters, self._steps.of_controls, strict=True):
-            is_known = forms.exists or control.value in of_objective
+        steps = self._steps
+        derivatives = zip(steps.of_controls, steps.of_supports, steps.of_friction, strict=True)
+        for control, parts in zip(self._parameters, derivatives, strict=True):
+            (forms, _), support, is_coefficient = parts
+            acts = support.acts if is_solved else support.may_act
+            is_known = forms.exists or acts or is_coefficient or control.value in of_objective
             if not (is_known or (callable(objective) and not of_objective)):
                 raise ValueError(
-                    "expected controls in an energy, a load or the objective, given as control "
-                    f"{self._controls.index(control) + 1} of {len(self._controls)} a "
-                    f"{type(control.value).__name__} of shape {control.value.ufl_shape}, which "
-                    "occurs in none"
+                    "expected controls in an energy, a load, a condition of bcs, a law of friction "
+                    f"or the objective, given {control.name}, which occurs in none"
                 )
+
+    def _check_kept(self) -> None:
+        """Raise if a control has not kept its values in a step."""
+        both = zip(self._controls, self._split(self._x), strict=True)
+        known = [(c, values) for c, values in both if isinstance(c, ParameterControl)]
+        own = np.array([not control.holds(values) for control, values in known], dtype=bool)
+        for i in reductions.anywhere(self._comm, own).nonzero()[0]:
+            raise ValueError(
+                f"expected controls that keep their values in a run, given {known[i][0].name}, "
+                "which has changed in a step: let update compute the motion in another Constant, "
+                "from the control and the time"
+            )
 
     def _split(self, values: Floats) -> list[Floats]:
         return np.split(values, self._ends[:-1])
@@ -194,7 +224,7 @@ class Gradient:
         return array
 
     def _new_store(self) -> StoredRun:
-        return StoredRun(self.stepper, self._steps.carried, self._every, self._steps.released)
+        return StoredRun(self.stepper, self._steps.carried, self._every, self._equations)
 
     def _without_adjoint(self) -> str:
         """Name of contact without an adjoint."""
@@ -214,10 +244,13 @@ class Gradient:
             control.set(part)
         self._value, self._stored = 0.0, self._new_store()
         for step in self._stored.forward(self._until):
+            self._check_kept()
             is_end = self._until - step.t <= ROUND_OFF * step.dt
             term = self._objective.term(step.t, is_end=is_end)
             self._value += 0.0 if term is None else term.value()
-        self._springs = self._springs or {each: springs_of(each) for each in self._contacts}
+        self._springs = self._springs or {
+            each: springs_of(each) for each in self._equations.contacts
+        }
         self._of = self._x
 
     @contextmanager
@@ -228,6 +261,7 @@ class Gradient:
         try:
             with self._steps.without_sleeping_bodies():
                 yield
+            self._check_occurrence(is_solved=True)
         finally:
             self.stepper.serialize(end.rewind())
 
@@ -250,6 +284,8 @@ class Gradient:
                 for gradient, form in zip(gradients, term.of_parameters, strict=True):
                     gradient += form.gradient() if form.exists else 0.0
             costate = self._steps.adjoint(step, _with(costate, slopes), gradients)
+        if self._stored.computes_acceleration and self._begin is not None:
+            costate = self._begin.adjoint(step, costate, gradients)
         known = iter(gradients)
         return np.concatenate(
             [
@@ -270,8 +306,10 @@ class Gradient:
             if isinstance(control, InitialControl):
                 values = change.rates[0] if control.is_velocity else change.u
                 values.ravel()[:] = control.owned(part)
-        total = 0.0
+        total, begin = 0.0, self._begin if self._stored.computes_acceleration else None
         for step, is_end in self._stored.steps(backwards=False):
+            if begin is not None:
+                change, begin = begin.tangent(step, change, changes), None
             change = self._steps.tangent(step, change, changes)
             term, slopes = self._slopes(step, is_end=is_end)
             if term is not None:
@@ -283,6 +321,6 @@ class Gradient:
 
 
 def _with(costate: MotionState, slopes: Sequence[Floats]) -> MotionState:
-    """Costate plus the slopes of a term with respect to displacement and velocity. Local."""
-    rates = [old + (slopes[1] if number == 0 else 0.0) for number, old in enumerate(costate.rates)]
+    """Costate plus the slopes of a term with respect to displacement and rates. Local."""
+    rates = [old + slope for old, slope in zip(costate.rates, slopes[1:], strict=False)]
     return costate._replace(u=costate.u + slopes[0], rates=rates)

@@ -22,7 +22,7 @@ class Term:
 
     Args:
         form: The functional.
-        state: Displacement and velocity.
+        state: Displacement, velocity, and acceleration if it is part of the state.
         parameters: Constants and Functions among the controls.
     """
 
@@ -43,7 +43,7 @@ class Term:
         return float(reductions.total(self._comm, fem.assemble_scalar(self._value)))
 
     def add_slopes(self, slopes: Sequence[Floats]) -> None:
-        """Add derivatives with respect to displacement and velocity, each ``(n, d)``."""
+        """Add derivatives with respect to the functions of the state, each ``(n, d)``."""
         for form, values in zip(self._slopes, slopes, strict=True):
             if form is not None:
                 values += assembled(form).reshape(values.shape)
@@ -55,7 +55,7 @@ class Objective:
     Args:
         given: A form, which is evaluated at the end of the run; or a function of the time [s] at
             the end of each step that returns a form, or None.
-        state: Displacement and velocity.
+        state: Displacement, velocity, and acceleration if it is part of the state.
         parameters: Constants and Functions among the controls.
 
     Raises:

@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.integrators.implicit.generalized_alpha import NewmarkRates
 from dolfinx_nts.integrators.rates import MidpointRates, NoRates, Rates
 
 __all__ = ["RateUpdate", "rate_update"]
@@ -37,9 +38,17 @@ def rate_update(rates: Rates) -> RateUpdate:
     if isinstance(rates, MidpointRates):
         speed = np.array([2 / float(rates.dt.value)])
         return RateUpdate([rates.v], speed, -speed, np.array([[-1.0]]))
+    if isinstance(rates, NewmarkRates):
+        p, dt = rates.parameters, float(rates.dt.value)
+        # Velocity and acceleration at the end, by the displacement and by both at the start.
+        rest = 1 / (2 * p.beta) - 1
+        of_a = np.array([1.0, -dt, -rest * p.beta * dt**2]) / (p.beta * dt**2)
+        of_v = dt * p.gamma * of_a + np.array([0.0, 1.0, dt * (1 - p.gamma)])
+        both = np.array([of_v, of_a])
+        return RateUpdate([rates.v, rates.a], both[:, 0], -both[:, 0], both[:, 1:])
     if isinstance(rates, NoRates):
         return RateUpdate([], np.zeros(0), np.zeros(0), np.zeros((0, 0)))
     raise TypeError(
-        "expected a stepper whose derivatives are known, EnergyMomentum, Midpoint or QuasiStatic, "
-        f"given one with {type(rates).__name__}"
+        "expected a stepper whose derivatives are known, EnergyMomentum, Midpoint, "
+        f"GeneralizedAlpha or QuasiStatic, given one with {type(rates).__name__}"
     )

@@ -3,12 +3,14 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.friction.limits import coefficients_of
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.gradients.bulk_derivatives import BulkDerivatives
 from dolfinx_nts.gradients.contact_derivative import (
@@ -19,6 +21,7 @@ from dolfinx_nts.gradients.contact_derivative import (
 )
 from dolfinx_nts.gradients.contact_difference import ContactDifference, ContactResult
 from dolfinx_nts.gradients.controls import FormDerivative, ParameterControl
+from dolfinx_nts.gradients.prescribed_derivative import PrescribedDerivative
 from dolfinx_nts.gradients.rate_updates import RateUpdate, rate_update
 from dolfinx_nts.integrators.implicit.implicit_stepper import StepEquations
 from dolfinx_nts.parallel import reductions
@@ -33,6 +36,10 @@ _STEPS = (1e-6, 1e-7, 1e-8, 1e-9)
 # Deviation of forces in a difference from a straight line, relative to their change [-], that is
 # admissible. Larger: errors where nodes touch; smaller: more differences.
 _STRAIGHT = 1e-5
+# Contact points that settle in equilibrium follow the change of the displacement: largest number of
+# solutions for both; difference of the last two, relative to the displacement [-], that is
+# admissible; and the same if it does not decrease by half, as by round-off of small differences.
+_MOST_SOLUTIONS, _SETTLED, _ROUNDED = 20, 1e-9, 1e-6
 
 
 class MotionState(NamedTuple):
@@ -81,6 +88,8 @@ class StepDerivative:
         carried: Functions of the carried rates.
         released: Springs that return energy to the bodies; None without inertia.
         of_controls: Derivatives of the residual with respect to the parameters.
+        of_supports: The same of prescribed displacements.
+        of_friction: Whether the parameters are coefficients of friction.
     """
 
     def __init__(self, equations: StepEquations, controls: Sequence[ParameterControl]) -> None:
@@ -91,6 +100,11 @@ class StepDerivative:
         self._derivatives = derivatives = BulkDerivatives(equations.bulk, rates, self.carried)
         self._solver = TangentSolver(equations.tangent, equations.bulk.comm)
         self.of_controls: list[tuple[FormDerivative, FormDerivative]] = []
+        self._controls = controls
+        laws = [coefficients_of(s.pair.friction, s.pair.nodes) for s in equations.contacts]
+        coefficients = [*chain(*laws)]
+        self.of_friction = [any(c.value is each for each in coefficients) for c in controls]
+        self.of_supports = [PrescribedDerivative(equations, control) for control in controls]
         mesh = rates.u.function_space.mesh
         for control in controls:
             value = control.value
@@ -119,6 +133,8 @@ class StepDerivative:
     def take(self, step: StepRecord) -> RateUpdate:
         """Set all functions and data to a solved step; return its update of rates."""
         rates = self._rates
+        for support in self.of_supports:
+            support.take(step.t_n, step.dt)
         rates.u_n.x.array[:], rates.u.x.array[:] = step.start.u, step.end.u
         for function, values in zip(self.carried, step.start.rates, strict=True):
             function.x.array[:] = values
@@ -157,16 +173,18 @@ class StepDerivative:
         force = self._derivatives.along_start([start.u, *start.rates])
         for (forms, _), change in zip(self.of_controls, changes, strict=True):
             force += np.reshape(forms.along(change), force.shape) if forms.exists else 0.0
+        given, acts = self._given(changes)
+        if acts:
+            force += self._bulk.action(given, with_prescribed=True)
         histories = dict(start.histories)
-        motion = ContactMotion(start.u, self._trial(start), np.zeros(self._shape))
+        known = zip(self._controls, changes, self.of_friction, strict=True)
+        coefficients = [(control, change) for control, change, is_one in known if is_one]
+        motion = ContactMotion(start.u, self._trial(start) + given, given, coefficients)
         for contact in step.contacts:
             force += contact.force_by(motion, histories)
-        scale = 0.0
-        if step.differences:
-            scale = self._largest([self._derivatives.free(force)])
-            h, ahead, behind = self._differences(step, motion, histories, scale)
-            force += _slope(ahead, behind, h)
-        u = self._solver.solve(partial(self._product, step), -self._derivatives.free(force))
+            force += contact.end_product(given) if acts else 0.0
+        scale = self._largest([self._derivatives.free(force)]) if step.differences else 0.0
+        u, motion = self._solution(step, force, motion, histories, scale)
         for contact in step.contacts:
             contact.update(motion._replace(end=u), histories)
         rows = zip(update.of_end, update.of_start, [*update.of_rates], strict=True)
@@ -183,6 +201,48 @@ class StepDerivative:
                 rates[0] = rates[0] + self._impulses(step, u, rates[0], h, (ahead, behind))
         return MotionState(u, rates, histories)
 
+    def _solution(
+        self,
+        step: StepRecord,
+        force: Floats,
+        motion: ContactMotion,
+        histories: Histories,
+        scale: float,
+    ) -> tuple[Floats, ContactMotion]:
+        """Perturbation of the displacement at the end of a step, and the motion of its contact.
+
+        Points that settle are those of the end, whose perturbation is iterated as in the step.
+
+        Args:
+            step: The step.
+            force: Perturbation of the forces without differences of contact, ``(n, d)`` [N].
+            motion: Perturbation of positions.
+            histories: Perturbations of the histories at the start.
+            scale: See `_differences`.
+
+        Raises:
+            ValueError: The points do not settle.
+        """
+        act, settling = partial(self._product, step), [c for c in step.differences if c.settles]
+        change = np.inf
+        for _ in range(_MOST_SOLUTIONS if settling else 1):
+            of_points: Floats | float = 0.0
+            if step.differences:
+                h, ahead, behind = self._differences(step, motion, histories, scale)
+                of_points = _slope(ahead, behind, h)
+            u = self._solver.solve(act, -self._derivatives.free(force + of_points)) + motion.end
+            if not settling:
+                return u, motion
+            last, size = change, self._largest([u])
+            change, motion = self._largest([u - motion.trial]), motion._replace(trial=u)
+            if change <= (_ROUNDED if change > last / 2 else _SETTLED) * size:
+                return u, motion
+        raise ValueError(
+            "expected contact points that settle in equilibrium for a derivative, given "
+            f"{settling[0].between} with a relative change of {change / size:.1e} after "
+            f"{_MOST_SOLUTIONS} solutions: method 'node-to-segment' has an adjoint"
+        )
+
     def _differences(
         self, step: StepRecord, motion: ContactMotion, histories: Histories, scale: float
     ) -> tuple[float, list[ContactResult], list[ContactResult]]:
@@ -190,8 +250,14 @@ class StepDerivative:
 
         ``scale`` is the largest derivative of the other forces [N].
         """
-        largest = self._largest([*motion, *(values[:, :3] for values in histories.values())])
         size = min(contact.size for contact in step.differences)
+        # Relative changes of coefficients count like displacements relative to segments.
+        relative = [
+            size * change / (np.abs(control.get()).max() or 1.0)
+            for control, change in motion.coefficients
+        ]
+        lengths = (values[:, :3] for values in histories.values())
+        largest = self._largest([*motion.positions, *lengths, *relative])
         for part in _STEPS:
             h = part * size / largest if largest > 0 else 1.0
             ahead, behind = (
@@ -260,6 +326,8 @@ class StepDerivative:
         for (_, forms), gradient in zip(self.of_controls, gradients, strict=True):
             if forms.exists:
                 gradient -= forms.gradient()
+        acting = [pair for pair in zip(self.of_supports, gradients, strict=True) if pair[0].acts]
+        of_given = slope - derivatives.transposed(costate) if acting else slope
         u = _combined(update.of_start, end.rates) - of_start
         columns: list[Floats] = [*update.of_rates.T]
         rates = [
@@ -269,10 +337,29 @@ class StepDerivative:
         dt = float(self._rates.dt.value)
         for contact in step.contacts:
             motion = contact.adjoint(costate, histories)
+            if acting:
+                product = contact.end_product(costate, transposed=True)
+                of_given = of_given + motion.trial - product
             trial = derivatives.free(motion.trial)
             u = u + motion.start + trial
-            rates = [rates[0] + dt * trial, *rates[1:]]
+            if rates:
+                rates[0] = rates[0] + dt * trial
+        of_given = of_given - derivatives.free(of_given)
+        for support, gradient in acting:
+            gradient += support.gradient(of_given.ravel())
         return MotionState(u, rates, histories)
+
+    def _given(self, changes: Sequence[Floats]) -> tuple[Floats, bool]:
+        """Change of prescribed displacements by those of the parameters, ``(n, d)`` [m].
+
+        Also returns whether any of them may differ from 0.
+        """
+        given, acts = np.zeros(self._shape), False
+        for support, change in zip(self.of_supports, changes, strict=True):
+            if support.acts:
+                given += support.along(change).reshape(given.shape)
+                acts = True
+        return given, acts
 
     def _trial(self, start: MotionState) -> Floats:
         """Change of the trial motion of the search, without contact."""

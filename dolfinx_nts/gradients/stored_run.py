@@ -12,9 +12,13 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.gradients.contact_derivative import ContactDerivative
 from dolfinx_nts.gradients.contact_difference import ContactDifference
 from dolfinx_nts.gradients.step_derivative import MotionState, StepRecord
-from dolfinx_nts.gradients.support import has_exact_derivative
-from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper, observed
-from dolfinx_nts.integrators.implicit.released_springs import ReleasedSprings
+from dolfinx_nts.gradients.support import check_open, check_resisted, has_exact_derivative
+from dolfinx_nts.integrators.implicit.generalized_alpha import NewmarkRates
+from dolfinx_nts.integrators.implicit.implicit_stepper import (
+    ImplicitStepper,
+    StepEquations,
+    observed,
+)
 
 __all__ = ["StoredRun"]
 
@@ -33,10 +37,11 @@ class StoredRun:
         stepper: The stepper, at the start of the run.
         carried: Rates that its scheme carries from step to step.
         every: Number of steps whose states are stored at a time; None for all.
-        released: Springs of the stepper that return energy; None without inertia.
+        equations: Equations of its steps.
 
     Attributes:
         has_differences: Whether any step has contact without an adjoint.
+        computes_acceleration: Whether the first step computes the acceleration at its start.
     """
 
     def __init__(
@@ -44,10 +49,12 @@ class StoredRun:
         stepper: ImplicitStepper,
         carried: Sequence[fem.Function],
         every: int | None,
-        released: ReleasedSprings | None,
+        equations: StepEquations,
     ) -> None:
         self._stepper, self._carried, self._every = stepper, carried, every
-        self._released, self.has_differences = released, False
+        self._relief, self._released = equations.relief, equations.released
+        self.has_differences, rates = False, equations.rates
+        self.computes_acceleration = isinstance(rates, NewmarkRates) and not rates.is_known
         self._segments: list[_Segment] = []
         # Steps of one segment, and its number.
         self._records: list[StepRecord] = []
@@ -89,23 +96,32 @@ class StoredRun:
 
     def _recorded(self, until: float) -> Iterator[StepRecord]:
         stepper = self._stepper
+        # The first step may compute the acceleration at its start.
         start, t_n = self._state(), stepper.t
+        rates_n, is_first = start.rates, self.computes_acceleration and not self._segments
         contacts: list[ContactDerivative] = []
         differences: list[ContactDifference] = []
 
         def observe(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> None:
+            nonlocal rates_n, is_first
             contacts.clear()
             differences.clear()
+            rates_n = self._state().rates
+            if is_first:
+                check_open(steps)
+            is_first = False
             for step, state in zip(steps, states, strict=True):
-                if has_exact_derivative(step, state):
+                if has_exact_derivative(step, state, gives_back=self._released is not None):
                     contacts.append(ContactDerivative(step, state, stepper.scheme.contact))
                 else:
                     differences.append(ContactDifference(step, state, stepper.x, self._released))
 
         with observed(stepper, observe):
             for report in stepper.run(until):
+                check_resisted(self._relief)
                 end = self._state()
                 known = tuple(contacts), tuple(differences)
+                start = start._replace(rates=rates_n)
                 yield StepRecord(t_n, report.dt, report.t, start, end, *known)
                 start, t_n = end, stepper.t
                 contacts.clear()

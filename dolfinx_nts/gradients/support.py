@@ -5,7 +5,6 @@ from typing import Any
 
 from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.friction.limits import coefficients_of
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.joint_state import members
@@ -13,10 +12,10 @@ from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.vertices import VertexState
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
-from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
-__all__ = ["check_laws", "check_supported", "has_adjoint", "has_exact_derivative"]
+__all__ = ["check_open", "check_resisted", "check_supported", "has_adjoint", "has_exact_derivative"]
 
 
 def check_supported(stepper: Any) -> None:
@@ -43,12 +42,6 @@ def check_supported(stepper: Any) -> None:
                 f"{body.material!r} of {body.name}: its energy without branches or plastic flow "
                 "has derivatives"
             )
-    if stepper.pairs and stepper.scheme.rates is NoRates:
-        raise ValueError(
-            "expected a stepper with inertia for gradients through contact, given "
-            f"{type(stepper).__name__} with {stepper.pairs[0].between}: EnergyMomentum with "
-            "mass_damping comes to rest in the same state"
-        )
     for pair in stepper.pairs:
         if not isinstance(pair.enforcement, Penalty):
             raise ValueError(
@@ -70,27 +63,35 @@ def check_supported(stepper: Any) -> None:
             )
 
 
-def check_laws(stepper: Any, controls: Sequence[Any]) -> None:
-    """Check that no law of friction, which is not differentiated, has a control. Collective.
-
-    Args:
-        stepper: The stepper.
-        controls: Functions and Constants.
+def check_open(steps: Sequence[ContactStep]) -> None:
+    """Check that springs have no force at the start of a step. Collective.
 
     Raises:
-        ValueError: A law depends on one.
+        ValueError: A node is inside, so that the acceleration at the start depends on springs.
     """
-    for pair in stepper.pairs:
-        if pair.friction is None:
-            continue
-        read = coefficients_of(pair.friction, pair.nodes)
-        for control in controls:
-            if reductions.anywhere(stepper.u.function_space.mesh.comm, control in read):
-                raise ValueError(
-                    "expected controls on which friction does not depend, given a "
-                    f"{type(control).__name__} in {pair.friction!r} of {pair.between}: use a copy "
-                    "with fixed values in the law of friction"
-                )
+    for step in steps:
+        state = step.state
+        if reductions.anywhere(state.nodes.V.mesh.comm, bool((step.search.start[1] < 0).any())):
+            raise ValueError(
+                "expected open contact at the start of a run for gradients, as the acceleration "
+                f"follows from the forces there, given {state.pair.between} with nodes inside: "
+                "begin with a gap, or make the gradient after a first step"
+            )
+
+
+def check_resisted(relief: InertiaRelief) -> None:
+    """Check that bodies and contact resist all motions in the equilibrium of a step. Local.
+
+    Raises:
+        ValueError: Rigid motions have been suppressed, so that the tangent is singular.
+    """
+    if len(relief.loads):
+        names = "; ".join(map(str, relief.bodies))
+        raise ValueError(
+            "expected bodies whose rigid motions supports or contact resist for gradients, given "
+            f"{names} in statics with {len(relief.loads)} free motions: add bcs or friction "
+            "against them"
+        )
 
 
 def has_adjoint(pair: ContactPair) -> bool:
@@ -102,7 +103,7 @@ def has_adjoint(pair: ContactPair) -> bool:
     return pair.method == NODES and pair.friction is None
 
 
-def has_exact_derivative(step: ContactStep, last: ContactContribution) -> bool:
+def has_exact_derivative(step: ContactStep, last: ContactContribution, *, gives_back: bool) -> bool:
     """Whether a step of contact has derivatives in closed form. Collective.
 
     Springs that return energy as an impulse, and those of vertices, have none.
@@ -110,11 +111,14 @@ def has_exact_derivative(step: ContactStep, last: ContactContribution) -> bool:
     Args:
         step: The accepted attempt, before its pairs accept their histories.
         last: Its last evaluation.
+        gives_back: Whether springs return energy, as with inertia.
     """
     if not has_adjoint(step.state.pair):
         return False
     if step.num_active and isinstance(members(step.state)[0], VertexState):
         return False
+    if not gives_back:
+        return True
     normal, node = step.normal, last.pairs.node
     returns = [normal.surplus_energy(last.pairs), normal.released_energy(node)]
     own = any(bool((energy > 0).any()) for energy in returns)

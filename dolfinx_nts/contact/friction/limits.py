@@ -188,25 +188,34 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
         _check_derivatives(law, nodes, dt)
 
 
-def coefficients_of(law: FrictionLaw, nodes: Any) -> set[Any]:
-    """Functions and Constants on which the limit of a law depends at this rank's nodes.
-
-    Collective, as is the area of the nodes at its first use.
+def coefficients_of(law: FrictionLaw | None, nodes: Any) -> list[Any]:
+    """Constants and Functions on which the limit of a law depends. Collective.
 
     Args:
-        law: The law.
+        law: The law; None without friction.
         nodes: Nodes of the contact pair.
 
     Returns:
-        What the law reads by `FrictionNodes.value`, and its attributes.
+        What the law reads by `FrictionNodes.value`, and its attributes, also those of laws among
+        these; the same on all ranks.
     """
+    if law is None:
+        return []
     n, area = len(nodes.nodes), nodes.positive_area
     limits = Limits(law, nodes, 1.0, lambda: area, np.zeros(n))
-    if n:
-        limits.at(np.arange(n, dtype=np.int32), np.ones(n))
-    kinds = fem.Constant | fem.Function
-    attributes = (each for each in vars(law).values() if isinstance(each, kinds))
-    return {*limits.coefficients, *attributes}
+    limits.at(np.arange(n, dtype=np.int32), np.ones(n))
+    return list(dict.fromkeys([*limits.coefficients, *_attributes(law)]))
+
+
+def _attributes(law: FrictionLaw) -> list[Any]:
+    """Constants and Functions among the attributes of a law, and of laws among these. Local."""
+    found = list[Any]()
+    for value in vars(law).values():
+        if isinstance(value, FrictionLaw):
+            found += _attributes(value)
+        elif isinstance(value, fem.Constant | fem.Function):
+            found.append(value)
+    return found
 
 
 def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:

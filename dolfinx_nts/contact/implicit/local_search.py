@@ -255,6 +255,14 @@ class LocalSearch:
         return flags
 
     @property
+    def chosen_at(self) -> Floats | None:
+        """Positions for which points were chosen in equilibrium, ``(l, 3)`` [m]. Local.
+
+        None if they were not chosen there.
+        """
+        return None
+
+    @property
     def dual_fraction(self) -> Floats:
         """Largest fraction of dual functions around each node, 1 without points, ``(n,)`` [-]."""
         return np.ones(len(self.segment))

@@ -180,6 +180,9 @@ class NewmarkRates(Rates):
 
     Attributes:
         a: Acceleration at t [m/s^2].
+        parameters: The argument.
+        is_known: Whether the acceleration belongs to the state; otherwise the next step computes it
+            from the balance of momentum.
         force_time: Time of stress and loads, 1 - alpha_f [-].
 
     Raises:
@@ -198,7 +201,7 @@ class NewmarkRates(Rates):
                 "expected rates=partial(NewmarkRates, Newmark(alpha_m, alpha_f, beta, gamma)), "
                 f"given {kind_of(parameters)} as parameters"
             )
-        self._parameters = p = parameters
+        self.parameters = p = parameters
         self.force_time = 1 - p.alpha_f
         u_n, u, v = state.u_n, state.u, state.v
         self.a = fem.Function(u.function_space, name="acceleration")
@@ -209,12 +212,12 @@ class NewmarkRates(Rates):
 
     def _newmark(self, u: Any, u_n: Any, v: Any, a: Any, dt: Any) -> Any:
         """Acceleration at the end of a step, for UFL expressions or arrays."""
-        beta = self._parameters.beta
+        beta = self.parameters.beta
         return ((u - u_n) / dt - v) / (beta * dt) - (1 / (2 * beta) - 1) * a
 
     def forget(self) -> None:
         super().forget()
-        self._known = False
+        self.is_known = False
 
     def begin(
         self,
@@ -225,9 +228,9 @@ class NewmarkRates(Rates):
         prescribed: Callable[[], Floats],
     ) -> None:
         """After the state was set, compute its acceleration from M a = f."""
-        if self._known:
+        if self.is_known:
             return
-        p, mass = self._parameters, self._mass_times_a
+        p, mass = self.parameters, self._mass_times_a
         # The residual at u = u_n contains an inertia term, which is removed.
         self.a.x.array[:] = 0
         factor = (p.alpha_m - 1) / (p.beta * float(self.dt.value))
@@ -243,11 +246,11 @@ class NewmarkRates(Rates):
             turning = rigid.centripetal(self.v.x.array[:n].reshape(-1, d)).ravel()
             force -= mass.times(turning)
         mass.times(turning + mass.solve(force, projected))
-        self._known = True
+        self.is_known = True
 
     def _set_velocity(self) -> float:
         """Set the velocity; returns the energy error of the formulas [J]."""
-        p, dt, mass = self._parameters, float(self.dt.value), self._mass_times_v
+        p, dt, mass = self.parameters, float(self.dt.value), self._mass_times_v
         u, u_n, v, a_n = (f.x.array for f in (self.u, self.u_n, self.v, self.a))
         a_n = a_n.copy()
         a = self._newmark(u, u_n, v, a_n, dt)
@@ -263,4 +266,4 @@ class NewmarkRates(Rates):
     def serialize(self, archive: Archive, ids: GlobalInts) -> None:
         super().serialize(archive, ids)
         serialize_nodal(archive, "a", self.a, ids)
-        self._known = archive.same("a_is_known", self._known)
+        self.is_known = archive.same("a_is_known", self.is_known)

@@ -79,6 +79,7 @@ from dolfinx_nts.solvers.linear.statistics import SolverStatistics
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 from dolfinx_nts.solvers.precond.tangent import Tangent
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
+from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
 __all__ = ["ImplicitStepper", "StepEquations", "equations_of", "observed"]
 
@@ -247,6 +248,10 @@ class ImplicitStepper(Stepper):
     @property
     def _copies(self) -> Mapping[Any, Any]:
         return self._script.copies
+
+    @property
+    def _updates(self) -> bool:
+        return self._script.updates
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, including the rates and the linear solver."""
@@ -585,12 +590,15 @@ class ImplicitStepper(Stepper):
             reactions=reactions,
         )
 
-    def _set_data(self, t_n: float, dt: float) -> None:
-        """Set loads, supports and motions as in a former step of length dt from t_n, both [s]."""
+    def _set_data(self, t_n: float, dt: float, point: float | None = None) -> None:
+        """Set loads, supports and motions as in a former step of length dt from t_n, both [s].
+
+        ``point`` is the time of the loads as a fraction of the step; None for that of the scheme.
+        """
         self.t, self._dt.value[...] = t_n, dt
         with self._steps_of(dt):
             self._script.update(t_n + dt)
-            self._load_at(self.scheme.load_point)
+            self._load_at(self.scheme.load_point if point is None else point)
             self._begin(t_n, t_n + dt)
 
     def _work_of_solvers(self) -> tuple[int, SolverStatistics]:
@@ -610,8 +618,12 @@ class StepEquations(NamedTuple):
         copies: Copies of the user's Constants and Functions in the forms of loads.
         contacts: States of all pairs, including those of vertices.
         released: Springs that return energy to the bodies; None without inertia.
+        relief: Motions of bodies that nothing resists in statics.
+        updates: Whether ``update`` sets values of supports and loads.
         set_data: Function ``set_data(t_n, dt)`` that sets loads, supports and motions as in a
             former step of length dt from t_n, both [s]. Collective.
+        set_start: Function of t_n and dt that sets the loads at t_n instead. Collective.
+        bodies: All bodies.
     """
 
     bulk: Bulk
@@ -620,7 +632,11 @@ class StepEquations(NamedTuple):
     copies: Mapping[Any, Any]
     contacts: Sequence[PairState]
     released: ReleasedSprings | None
+    relief: InertiaRelief
+    updates: bool
     set_data: Callable[[float, float], None]
+    set_start: Callable[[float, float], None]
+    bodies: Sequence[Body]
 
 
 def equations_of(stepper: ImplicitStepper) -> StepEquations:
@@ -632,7 +648,11 @@ def equations_of(stepper: ImplicitStepper) -> StepEquations:
         stepper._copies,
         stepper._all_contacts,
         stepper._released_springs,
+        stepper._step_solver.relief,
+        stepper._updates,
         stepper._set_data,
+        partial(stepper._set_data, point=0.0),
+        stepper.bodies,
     )
 
 

@@ -20,6 +20,10 @@ __all__ = ["TangentSolver"]
 _REDUCTION = 1e-12
 # Number of iterations after which factors are computed again, and largest number.
 _SLOW, _MOST = 30, 400
+# Directions lose their orthogonality where contact is by far stiffer than the factors, as below
+# bodies that only contact supports. The iteration begins again with its residual if the reduction,
+# at least by this factor [-], has not doubled in this number of iterations.
+_PART, _STALLED = 1e-4, 10
 
 
 class TangentSolver:
@@ -72,12 +76,18 @@ class TangentSolver:
 
     def _iterate(self, act: Callable[[Floats], Floats], b: Floats) -> tuple[Floats | None, int]:
         sums = None if self._comm.size == 1 else lambda v: reductions.total(self._comm, v)
-        gmres = _kernels.FlexibleGmres(b, sums)
-        target, iterations = _REDUCTION * gmres.residual, 0
+        gmres, x = _kernels.FlexibleGmres(b, sums), np.zeros_like(b)
+        first = last = gmres.residual
+        target, iterations = _REDUCTION * first, 0
         while gmres.residual > target:
             if iterations == _MOST:
                 return None, iterations
             z = self._factors.solve(gmres.vector)
             gmres.add(z, act(z))
             iterations += 1
-        return gmres.solution(), iterations
+            if iterations % _STALLED == 0:
+                if last / 2 < gmres.residual < _PART * first:
+                    x += gmres.solution()
+                    gmres = _kernels.FlexibleGmres(b - act(x), sums)
+                last = gmres.residual
+        return x + gmres.solution(), iterations

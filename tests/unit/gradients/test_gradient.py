@@ -9,59 +9,13 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.implicit.mortar.frozen_points import FrozenPoints
+from helpers.gradients import ADJOINT, DIFFERENCES, boxes, check, impact
 from helpers.models import box_meshes
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Round-off of an adjoint against tangent-linear steps, and error of differences of runs [-].
-ADJOINT, DIFFERENCES, ORDER = 1e-10, 1e-6, 1.95
 NODES, MORTAR = {"method": "node-to-segment"}, {"method": "mortar"}
-
-
-def boxes(comm, shapes, sizes, cell="hexahedron", degree=1):
-    """Mesh of boxes, the second one tilted above the first, its space, and its parameters."""
-    data = box_meshes.boxes(shapes, sizes, cell)
-    if len(shapes) > 1:
-        top = np.unique(data.cells[data.body == 1])
-        X = data.X[top] - data.X[top].mean(axis=0)
-        (c, s), (d, t) = ((np.cos(a), np.sin(a)) for a in (0.1, 0.07))
-        X = X @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
-        X = X @ np.array([[1, 0, 0], [0, d, -t], [0, t, d]]).T
-        data.X[top] = X + np.array([0.57, 0.61, 0.73])
-    mesh, cells, facets, tag = box_meshes.distribute(comm, data)
-    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
-    mu, kappa = fem.Constant(mesh, 500.0), fem.Constant(mesh, 800.0)
-
-    def psi(C):
-        J2 = ufl.det(C)
-        return mu / 2 * (ufl.tr(C) - 3 - ufl.ln(J2)) + kappa / 8 * ufl.ln(J2) ** 2
-
-    material = nts.Hyperelastic(psi, rho=10.0, one_point=())
-    names = [name for name in tag if name.startswith("body")]
-    return V, facets, tag, [nts.Body(V, cells, tag[n], material) for n in names], (mu, kappa)
-
-
-def impact(comm, scheme=nts.EnergyMomentum, *, steps=8, clamped=True, degree=1, **contact):
-    """Gradient of a box that falls on a clamped one, with respect to the material."""
-    shapes, sizes = [(3, 3, 1), (2, 2, 2)], [(1.2, 1.2, 0.4), (0.6, 0.6, 0.5)]
-    V, facets, tag, bodies, controls = boxes(comm, shapes, sizes, degree=degree)
-    obstacle = contact.pop("obstacle", None)
-    if law := contact.pop("law", None):
-        contact["friction"] = law(controls[0])
-    below = obstacle or nts.Surface(V, facets, tag["top 0"])
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["bottom 1"]), below, **contact)
-    floor = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
-    bcs = [fem.dirichletbc(np.zeros(3), floor, V)] if clamped else []
-    stepper = scheme(bodies, [pair], dt=0.01, bcs=bcs)
-    stepper.set_velocity(
-        bodies[1], lambda X: np.array([0.3 + 0 * X[0], 0.1 * X[0], 0.2 * X[0] - 2.0])
-    )
-    w = fem.Function(V)
-    w.interpolate(lambda X: X)
-    u, v = stepper.u, stepper.v
-    J = ufl.inner(u - w, u) * ufl.dx + 0.01 * ufl.inner(v, v) * ufl.dx + ufl.inner(v, w) * ufl.dx
-    return stepper, list(controls), J, 0.01 * steps
 
 
 def layers(comm, *, gap=0.0, dt=0.01, **contact):
@@ -95,17 +49,6 @@ def layers(comm, *, gap=0.0, dt=0.01, **contact):
     return stepper, bodies, mu, stretch
 
 
-def check(gradient, direction, *, exact=ADJOINT):
-    """Compare with tangent-linear steps, with differences of runs, and by Taylor remainders."""
-    x = gradient.controls
-    value, slope = gradient.value(x), gradient.derivative(direction, x)
-    assert np.isclose(gradient.gradient(x) @ direction, slope, rtol=exact, atol=0)
-    ends = [gradient.value(x + h * direction) for h in (1e-4, -1e-4)]
-    assert np.isclose((ends[0] - ends[1]) / 2e-4, slope, rtol=DIFFERENCES, atol=0)
-    rest = [abs(gradient.value(x + h * direction) - value - h * slope) for h in (4e-3, 2e-3, 1e-3)]
-    assert np.log2(np.divide(rest[:-1], rest[1:])).min() > ORDER
-
-
 def tension(comm, scheme):
     """Gradient of a clamped box under gravity with respect to all kinds of controls."""
     V, _, _, (body,), (mu, kappa) = boxes(comm, [(2, 2, 2)], [(1.0, 0.8, 0.6)])
@@ -123,7 +66,10 @@ def tension(comm, scheme):
     return stepper, controls, J
 
 
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.Midpoint), once(nts.QuasiStatic)])
+@pytest.mark.parametrize(
+    "scheme",
+    [nts.EnergyMomentum, nts.GeneralizedAlpha, once(nts.Midpoint), once(nts.QuasiStatic)],
+)
 def test_derivatives_without_contact(comm, rng, scheme):
     stepper, controls, J = tension(comm, scheme)
     gradient = nts.Gradient(stepper, controls, J, until=0.04)
@@ -140,6 +86,9 @@ def test_derivatives_without_contact(comm, rng, scheme):
         once(nts.EnergyMomentum, {"friction": nts.Coulomb(0.3), **NODES}),
         once(nts.EnergyMomentum, {"friction": nts.Coulomb(0.3), **MORTAR}),
         once(nts.Midpoint, {"enforcement": nts.Penalty(2e3), **NODES}),
+        (nts.GeneralizedAlpha, {**NODES}),
+        once(nts.GeneralizedAlpha, {**MORTAR}),
+        once(nts.GeneralizedAlpha, {"friction": nts.Coulomb(0.3), **NODES}),
         once(nts.EnergyMomentum, {"degree": 2, "enforcement": nts.Penalty(2e3), **NODES}),
         once(nts.EnergyMomentum, {"degree": 2, "steps": 6, **MORTAR}),
         once(nts.EnergyMomentum, {"obstacle": nts.RigidPlane((0.0, 0.0, 0.4), (0.1, 0.05, 1.0))}),
@@ -191,12 +140,45 @@ def test_derivatives_if_the_gap_closes_at_the_end_of_a_step(comm, method):
     assert np.allclose(closes, nearly, rtol=1e-3, atol=0)
 
 
-def test_derivatives_through_contact_with_respect_to_the_initial_state(comm, rng):
-    stepper, _, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.GeneralizedAlpha])
+def test_derivatives_through_contact_with_respect_to_the_initial_state(comm, rng, scheme):
+    stepper, _, J, until = impact(comm, scheme, enforcement=nts.Penalty(2e3), **NODES)
     gradient = nts.Gradient(stepper, [stepper.u, stepper.v], J, until=until)
     direction = rng.standard_normal(gradient.controls.size)
     direction[: len(direction) // 2] *= 0.01
     check(gradient, 0.1 * direction)
+
+
+def test_derivatives_of_the_acceleration_of_a_first_step(comm):
+    """It depends on loads and stress at the start; the objective contains the last one."""
+    data = box_meshes.boxes([(2, 2, 2)], [(1.0, 0.8, 0.6)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    force, mu = (fem.Constant(mesh, value) for value in (30.0, 500.0))
+
+    def psi(C):
+        J2 = ufl.det(C)
+        return mu / 2 * (ufl.tr(C) - 3 - ufl.ln(J2)) + 100.0 * ufl.ln(J2) ** 2
+
+    soft = nts.Body(V, cells, tag["body 0"], nts.Hyperelastic(psi, rho=10.0, one_point=()))
+    pull = nts.FormLoad(V, lambda u, eta, t: (1 + t) * force * eta[0] * ufl.dx)
+    floor = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
+    bcs = [fem.dirichletbc(np.zeros(3), floor, V)]
+    stepper = nts.GeneralizedAlpha([soft], dt=0.01, bcs=bcs, loads=[pull])
+    stepper.set_displacement(soft, lambda X: 0.1 * X[2] * np.array([X[1], X[0], X[2]]))
+    J = ufl.inner(stepper.a, stepper.a) * ufl.dx
+    gradient = nts.Gradient(stepper, [force, mu, stepper.u], J, until=0.03)
+    direction = np.full(gradient.controls.size, 0.01)
+    direction[:2] = 5.0, 100.0
+    check(gradient, direction)
+
+
+def test_springs_with_force_at_the_start_of_generalized_alpha_are_refused(comm, refused):
+    stepper, controls, J, until = impact(comm, nts.GeneralizedAlpha, **NODES)
+    stepper.set_displacement(stepper.bodies[1], (0.0, 0.0, -0.06))
+    gradient = nts.Gradient(stepper, controls, J, until=until)
+    with refused(ValueError, "expected open contact at the start of a run"):
+        gradient.value()
 
 
 def test_energy_and_momentum_after_an_impact_do_not_depend_on_the_material(comm):
@@ -216,8 +198,9 @@ def test_energy_and_momentum_after_an_impact_do_not_depend_on_the_material(comm)
     assert abs(of_kinetic) > 0 and np.abs(of_conserved).max() < 1e-9 * abs(of_kinetic)
 
 
-def test_gradient_with_few_stored_steps_is_the_same(comm):
-    stepper, controls, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.GeneralizedAlpha)])
+def test_gradient_with_few_stored_steps_is_the_same(comm, scheme):
+    stepper, controls, J, until = impact(comm, scheme, enforcement=nts.Penalty(2e3), **NODES)
     both = [nts.Gradient(stepper, controls, J, until=until, stored_steps=n) for n in (None, 3)]
     every, few = (gradient.gradient() for gradient in both)
     assert np.abs(every).min() > 0 and np.allclose(every, few, rtol=ADJOINT, atol=0)
@@ -233,8 +216,9 @@ def test_sum_of_functionals_at_the_ends_of_steps(comm):
     assert np.allclose(both.gradient(), np.sum(each, axis=0), rtol=1e-9, atol=0)
 
 
-def test_gradient_in_the_middle_of_a_run(comm):
-    stepper, controls, J, until = impact(comm, enforcement=nts.Penalty(2e3), **NODES)
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.GeneralizedAlpha)])
+def test_gradient_in_the_middle_of_a_run(comm, scheme):
+    stepper, controls, J, until = impact(comm, scheme, enforcement=nts.Penalty(2e3), **NODES)
     for _ in stepper.run(until=0.04):
         pass
     check(nts.Gradient(stepper, controls, J, until=until), np.array([200.0, -300.0]))
@@ -263,35 +247,11 @@ def test_parts_without_derivatives_are_refused(comm, refused):
         nts.Gradient(stepper, controls, J, until=0.0)
     with refused(TypeError, "expected as objective"):
         nts.Gradient(stepper, controls, 1.0, until=until)
-    for scheme, problem in (nts.QuasiStatic, ValueError), (nts.GeneralizedAlpha, TypeError):
-        stepper, controls, J, until = impact(comm, scheme, enforcement=nts.Penalty(), **NODES)
-        with refused(problem, "expected a stepper"):
-            nts.Gradient(stepper, controls, J, until=until)
+    with refused(TypeError, "expected an implicit stepper"):
+        nts.Gradient(nts.CentralDifference(stepper.bodies, dt=1e-4), controls, J, until=until)
     stepper, controls, J, until = impact(comm, enforcement=nts.LagrangeMultiplier(), **NODES)
     with refused(ValueError, "expected contact by springs"):
         nts.Gradient(stepper, controls, J, until=until)
-
-
-@pytest.mark.parametrize("reads", ["built-in", "value", "attribute"])
-def test_control_on_which_friction_depends_is_refused(comm, refused, reads):
-    """Regression: the slope left out the change of friction."""
-
-    class Own(nts.FrictionLaw):
-        def __init__(self, factor):
-            self.factor = factor
-
-        def limit(self, p, slip, dt, nodes):
-            is_read = reads == "value"
-            mu = 1e-3 * (nodes.value(self.factor) if is_read else float(self.factor.value))
-            return mu * p, mu, 0.0
-
-    def law(mu):
-        return nts.Coulomb(mu) if reads == "built-in" else Own(mu)
-
-    stepper, controls, J, until = impact(comm, law=law, **NODES)
-    with refused(ValueError, "controls on which friction does not depend, given a Constant in"):
-        nts.Gradient(stepper, controls[:1], J, until=until)
-    nts.Gradient(stepper, controls[1:], J, until=until)
 
 
 def test_steps_that_choose_contact_points_again_are_refused_in_the_run(comm, refused, monkeypatch):

@@ -219,6 +219,10 @@ class SettlingPoints(FrozenPoints):
     _slides_far = _is_static = True
     _nearby = 0.1
 
+    @property
+    def chosen_at(self) -> Floats:
+        return self.pairing.x_chosen
+
     def _dual_fractions(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
         """Fractions of dual functions at the equilibrium; statics ignores the gaps at t_n."""
         return found.largest_dual_fractions((x,), self._slack)

@@ -183,16 +183,18 @@ class PenaltyContact(NormalContact):
         return stored
 
     def derivatives(self, pairs: PairKinematics) -> SpringDerivatives:
-        """Derivatives of the springs for given decisions, with inertia. Local."""
-        old, node = self._state.history, pairs.node
+        """Derivatives of the springs for given decisions. Local."""
+        old, node, eps_N = self._state.history, pairs.node, self._eps_N[pairs.node]
         gap_n, gap, offset = pairs.contact.gap_n, pairs.contact.gap, self._offset(pairs)
-        slopes = spring_slopes(
-            *(gap_n - offset, gap - offset, self._eps_N[node], self._share),
-            self.soft_depth[node],
-        )
-        # Offsets follow the gaps at t_n if points have changed, up to a limit.
+        if self._is_static:
+            slopes: Floats = np.zeros((3, len(node)))
+            slopes[1] = np.where(self.active[node], eps_N, 0.0)
+        else:
+            ends = gap_n - offset, gap - offset
+            slopes = spring_slopes(*ends, eps_N, self._share, self.soft_depth[node])
+        # Offsets follow the gaps at t_n if points have changed, with inertia up to a limit.
         begins, moved = self._begins_and_moves(pairs)
-        is_limited = old.key[node] != NEVER
+        is_limited = (old.key[node] != NEVER) & (not self._is_static)
         is_limited &= self._offset_of_compression(pairs) > np.fmax(-gap_n, 0.0)
         of_offset = np.zeros((len(node), 6))
         of_offset[:, 0] = moved | (begins & (gap_n < 0))
@@ -210,9 +212,9 @@ class PenaltyContact(NormalContact):
         is_open = (gap >= offset) & (gap >= 0)
         matrix[:, 1] = np.where(is_open[:, None], 0.0, of_offset)
         matrix[:, 2, 1], matrix[:, 3] = 1.0, of_depth
-        eps_N = self._state.eps_N
-        assert eps_N is not None
-        return SpringDerivatives(matrix, self.lambda_N[node] / eps_N[node])
+        stiffness = self._state.eps_N
+        assert stiffness is not None
+        return SpringDerivatives(matrix, self.lambda_N[node] / stiffness[node])
 
     def released_energy(self, node: Ints) -> Floats:
         state, history = self._state, self._state.history
