@@ -54,7 +54,14 @@ class Declaration(metaclass=_FreezingMeta):
 
 
 class SetOnce(Generic[T]):
-    """Attribute that is set once. Local."""
+    """Attribute that is set once. Local.
+
+    Args:
+        advice: What to do instead of setting it again; empty for another object.
+    """
+
+    def __init__(self, advice: str = "") -> None:
+        self._advice = advice
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -74,8 +81,9 @@ class SetOnce(Generic[T]):
         """
         kind = type(item).__name__
         if self._name in vars(item):
+            advice = self._advice or f"create a new {kind} with another {self._name}"
             raise AttributeError(
                 f"expected no change of {self._name} after the creation of {with_article(kind)}: "
-                f"create a new {kind} with another {self._name}"
+                f"{advice}"
             )
         vars(item)[self._name] = value

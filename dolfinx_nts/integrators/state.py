@@ -14,6 +14,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import positive, real_array, with_article
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
@@ -47,6 +48,10 @@ class State(ABC):
         inertia_defect: Change of kinetic energy minus the work of all forces in the last step
             [J].
     """
+
+    u = SetOnce[fem.Function]("set its values by set_displacement")
+    v = SetOnce[fem.Function]("set its values by set_velocity")
+    u_n = SetOnce[fem.Function]("it follows from u")
 
     def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
         # An array, so that other objects can read the time without a reference to this state.

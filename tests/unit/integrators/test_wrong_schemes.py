@@ -174,6 +174,16 @@ def test_scheme_that_is_set_after_the_creation_is_refused(box):
         stepper.scheme = nts.Midpoint.scheme
 
 
+@pytest.mark.parametrize(
+    ("name", "advice"), [("u", "by set_displacement"), ("v", "by set_velocity"), ("u_n", "from u")]
+)
+def test_state_that_is_replaced_by_another_function_is_refused(box, name, advice):
+    """The steps would use the values of the former Function."""
+    stepper = stepper_of(box)
+    with pytest.raises(AttributeError, match=f"expected no change of {name} after.*{advice}"):
+        setattr(stepper, name, getattr(stepper, name).copy())
+
+
 def test_stress_is_checked_without_a_body_of_an_elastic_material(comm):
     """Regression: a wrong stress of plastic bodies was accepted."""
     metal = nts.J2Plasticity(E=1e5, nu=0.3, yield_stress=1e3, rho=1e3)
