@@ -12,7 +12,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints, indices
 from dolfinx_nts.contact.cell_stiffness import SOFT, Layers
 from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.history import NEVER, ContactHistory, reloaded
@@ -291,7 +291,7 @@ class PairState(Tractions, NodesOfPairs):
         before = self.search.initial_depth
         self.set_initial_depth(np.inf)
         candidates, segment, gap = self._faced(x, np.inf)
-        node = np.flatnonzero(gap < 0).astype(np.int32)
+        node = indices(gap < 0)
         node = node[gap[node] < -_kernels.DEEPEST * candidates.size[segment[node]]]
         points, there = self.facets.points(x).take(node), candidates.scatter.forward(x)
         gradient = candidates.contact("static", points, there, there, segment[node]).gradient
@@ -309,7 +309,7 @@ class PairState(Tractions, NodesOfPairs):
         """
         candidates, segment, _ = self._faced(self.passes.positions(), np.inf)
         x = candidates.scatter.forward(self.passes.positions())
-        node = np.flatnonzero(self.history.active & (segment >= 0)).astype(np.int32)
+        node = indices(self.history.active & (segment >= 0))
         points, segment = NodalPoints(self.pair.nodes.nodes[node]), segment[node]
         row, segment, parts = self._shares(points, x, node, segment, candidates)
         points = points.take(row)
@@ -330,7 +330,7 @@ class PairState(Tractions, NodesOfPairs):
         Returns indices of the nodes, segments and fractions of the force [-], all ``(i,)``.
         """
         shared = SharedSegments(len(node))
-        several = self.history.shared[node].nonzero()[0].astype(np.int32)
+        several = indices(self.history.shared[node] != 0)
         if len(several) and (around := candidates.adjacent(x)) is not None:
             (adjacent, vertices), own = around, segment[several]
             there, size = points.take(several).of(x), candidates.size[own]

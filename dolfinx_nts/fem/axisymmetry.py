@@ -15,7 +15,7 @@ from dolfinx.mesh import Mesh
 from ufl.domain import extract_unique_domain
 
 from dolfinx_nts.common.arguments import kind_of
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.collective_calls import meet
 
@@ -108,7 +108,7 @@ def axis_nodes(V: fem.FunctionSpace) -> Ints:
     if not is_axisymmetric(V.mesh):
         return np.empty(0, dtype=np.int32)
     on_axis = is_on_axis(V.mesh, V.tabulate_dof_coordinates())
-    return np.flatnonzero(on_axis).astype(np.int32)
+    return indices(on_axis)
 
 
 def over_circumference(value: Any, mesh: Mesh) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx import fem, la
 
 from dolfinx_nts import compat
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints, indices
 from dolfinx_nts.contact.friction.limits import coefficients_of
 from dolfinx_nts.gradients.controls import ParameterControl
 from dolfinx_nts.integrators.implicit.implicit_stepper import StepEquations
@@ -50,7 +50,7 @@ class PrescribedDerivative:
         self._sources: Ints = self._dofs
         if self.acts and isinstance(value, fem.Function):
             sources = self._sources_of(value, given)
-            self._dofs = np.flatnonzero(sources >= 0).astype(np.int32)
+            self._dofs = indices(sources >= 0)
             self._sources = sources[self._dofs]
         self._others = self._other_data()
 

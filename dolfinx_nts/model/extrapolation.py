@@ -13,7 +13,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import la
 
-from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints, indices
 from dolfinx_nts.fem.node_numbering import input_ids, listed, reference_positions
 from dolfinx_nts.fem.surroundings import add_surroundings
 from dolfinx_nts.model.bodies import Body
@@ -136,7 +136,7 @@ def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours
     marker.array[nodes] = 1
     given = marker.array > 0
     add_surroundings(marker, V, _LAYERS)
-    below = np.flatnonzero((marker.array > 0)[:n] & ~given[:n]).astype(np.int32)
+    below = indices((marker.array > 0)[:n] & ~given[:n])
     own = (
         np.asarray(index_map.local_to_global(below)),
         input_ids(V)[below],

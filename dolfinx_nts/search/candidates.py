@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints, indices
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
@@ -127,7 +127,7 @@ class Candidates(ABC):
         if start is not None:
             gap = mean_gaps(gap, start)
         gap = gap - begin_at
-        inside = np.flatnonzero(gap < 0).astype(np.int32)
+        inside = indices(gap < 0)
         some, facet, depth = points.take(inside), segment[inside], gap[inside]
         gradient = self.contact("static", some, x, x, facet).gradient
         lambda_N = stiffness(gap)[inside] * depth

@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx import la
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.arrays import Flags, Floats, indices
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.fem.components import in_space
@@ -128,7 +128,7 @@ def _others_clamped(bulk: Bulk, nodes: Flags) -> Iterator[None]:
     dofmap, topology = bulk.u.function_space.dofmap, bulk.u.function_space.mesh.topology
     num_cells = topology.index_map(topology.dim).size_local
     moves = nodes[dofmap.list[:num_cells]].any(axis=1), nodes[: dofmap.index_map.size_local]
-    before = bulk.leave_out(*(np.flatnonzero(~some).astype(np.int32) for some in moves))
+    before = bulk.leave_out(*(indices(~some) for some in moves))
     try:
         yield
     finally:

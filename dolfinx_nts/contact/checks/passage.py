@@ -11,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints, indices
 from dolfinx_nts.contact.joint_state import JointNodes
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
@@ -84,12 +84,12 @@ class Passage(NamedTuple):
             return cls.none()
         segment_n, gap_n = start
         near = ~(gap_n > distance + longest) & (distance + longest > 0)
-        number = _numbers(near if free is None else near & free)
+        number = indices(near if free is None else near & free)
         points, distance = points.take(number), distance[number] + longest
         inside = np.where(gap_n[number] < 0, segment_n[number], -1).astype(np.int32)
         paths = candidates.follow(points, *ends, inside)
         passes = paths.passes(candidates.size)
-        stays = _numbers((paths.entered >= 0) & ~paths.leaves & ~passes)
+        stays = indices((paths.entered >= 0) & ~paths.leaves & ~passes)
         passes[stays] = _is_lost(candidates, points.take(stays), ends[1], paths.take(stays), reach)
         return cls(number[passes], _detectable_fraction(candidates, paths, distance, passes))
 
@@ -170,10 +170,6 @@ def passing_nodes_message(nodes: Surface | JointNodes, passage: Passage, dt: flo
     possible = float(reductions.least(comm, passage.step_fraction * dt))
     advice = f"a dt of {possible:.2g} would let contact catch them"
     return passing_message(comm, "nodes", nodes.node_ids[passage.points], advice)
-
-
-def _numbers(flags: Flags) -> Ints:
-    return flags.nonzero()[0].astype(np.int32)
 
 
 def _relative_displacements(

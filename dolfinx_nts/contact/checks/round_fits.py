@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts import compat
-from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints, indices
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension
@@ -216,5 +216,5 @@ def _components(facets: GlobalInts) -> list[Ints]:
         new = least[node].min(axis=1, initial=len(facets))
         new = new[new]  # halves the way to the first facet
         if np.array_equal(new, label):
-            return [np.flatnonzero(label == n).astype(np.int32) for n in np.unique(label)]
+            return [indices(label == n) for n in np.unique(label)]
         label = new

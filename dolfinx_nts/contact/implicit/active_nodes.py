@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 
 __all__ = ["ActiveNodes"]
@@ -38,7 +38,7 @@ class ActiveNodes(NamedTuple):
         """Active nodes of a solved step. Local."""
         search, active = step.search, step.normal.active
         near = (search.segment >= 0) & (active | search.may_close)
-        node = near.nonzero()[0].astype(np.int32)
+        node = indices(near)
         pairs = search.pairing.kinematics("static", step.x, node, search.segment[node], None)
         step.friction.measure(pairs, step.x)
         gap, gradients = pairs.contact.gap, pairs.gradients

@@ -13,7 +13,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.factories import make_friction, make_normal_contact, make_search
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
@@ -217,7 +217,7 @@ class ContactStep:
     def unsettled(self) -> Ints:
         """Indices in the pair of nodes that changed segment or state repeatedly. Local."""
         flips = self.normal.flips + self.friction.flips
-        nodes: Ints = (self.search.unsettled | (flips >= _UNSETTLED)).nonzero()[0].astype(np.int32)
+        nodes: Ints = indices(self.search.unsettled | (flips >= _UNSETTLED))
         return nodes
 
     def _kinematics(self, x: Floats, iteration: int) -> tuple[PairKinematics, int]:
@@ -248,7 +248,7 @@ def _compression(steps: Sequence[ContactStep], pair: PairState) -> Floats:
     for step in steps:
         if pair in (pairs := members(step.state)):
             start, end = step.state.ends[(number := pairs.index(pair)) : number + 2]
-            node = start + step.normal.active[start:end].nonzero()[0].astype(np.int32)
+            node = start + indices(step.normal.active[start:end])
             compression[node - start] = np.fmax(-step.normal.gaps(step.x, node), 0.0)
     return compression
 

@@ -9,7 +9,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.contact.enforcement import TOUCHES, Tied
 from dolfinx_nts.contact.history import NEVER
 from dolfinx_nts.contact.implicit.pairing import NodePairing, Pairing
@@ -147,14 +147,14 @@ class LocalSearch:
         self.start = segment_n, gap = candidates.pair(points, self.x_n, self.last, self.reach)
         if self._shares:
             # Nodes with several segments are assigned again, to the nearest ones.
-            several = state.history.shared.nonzero()[0].astype(np.int32)
+            several = indices(state.history.shared != 0)
             before = self.last.copy()
             before[several] = -1
             self._find_again(self.x_n, several, segment_n, gap)
             every = np.arange(len(gap), dtype=np.int32)
             self._share(self.x_n, every, before, segment_n, gap)
         met, gap_trial = candidates.pair(points, trial, segment_n, self.reach)
-        several = (self.shared.many & (met >= 0)).nonzero()[0].astype(np.int32)
+        several = indices(self.shared.many & (met >= 0))
         gap_trial[several] = pairing.gaps(trial, several, met[several])
         met[several] = segment_n[several]
         # A node that would be too deep for the search gets the segment through which it enters.
@@ -162,7 +162,7 @@ class LocalSearch:
         self._assign_entered(trial, met, gap_trial)
         # The gap at t_n is the gap to the segment in the ballistic state.
         gap_n = gap.copy()
-        moved = ((met >= 0) & (met != segment_n)).nonzero()[0].astype(np.int32)
+        moved = indices((met >= 0) & (met != segment_n))
         if len(moved):
             gap_n[moved] = candidates.gap(points.take(moved), self.x_n, met[moved])
         self.approach = Approach(np.where(met >= 0, met, segment_n), gap_n, gap_trial, trial)
@@ -174,7 +174,7 @@ class LocalSearch:
         """Assign the segment through which a node would pass: set ``met`` and ``gap_trial``."""
         if self._increment <= self.candidates.passage.min(initial=np.inf) / 2:
             return
-        node = (~(self.start[1] > 2 * self._increment)).nonzero()[0].astype(np.int32)
+        node = indices(~(self.start[1] > 2 * self._increment))
         none = np.full(len(node), -1, dtype=np.int32)
         paths = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
         passing = paths.passes(self.candidates.size) | ((paths.entered >= 0) & (met[node] < 0))

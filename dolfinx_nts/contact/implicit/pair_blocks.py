@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 
 __all__ = ["OwnBlocks", "PairBlocks"]
 
@@ -117,7 +117,7 @@ class OwnBlocks(PairBlocks):
         return blocks
 
     def of(self, active: Flags) -> Ints:
-        return active.nonzero()[0].astype(np.int32)
+        return indices(active)
 
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
         if self._free is None:

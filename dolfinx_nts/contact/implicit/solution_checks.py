@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.contact.checks.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.checks.passage import Passage, passing_message, passing_nodes_message
 from dolfinx_nts.contact.enforcement import TOUCHES, Penalty, Tied
@@ -109,20 +109,20 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     search, normal, x = step.search, step.normal, step.x
     gap_n, gap_trial = search.approach.gap_n, search.approach.gap
     if not len(search.candidates.segments):
-        return _numbers(np.zeros(len(gap_n), dtype=bool)), np.empty(0)
+        return indices(np.zeros(len(gap_n), dtype=bool)), np.empty(0)
     # The distance between computed and trial motion bounds the change of the gaps.
     off = x - search.approach.x
     vertices = _kernels.largest_size(off.take(search.candidates.segments.ravel(), axis=0))
     own = np.linalg.norm(off.take(step.state.nodes.nodes, axis=0), axis=1)
     own = own if search.pairing.follows else own.max(initial=0.0)
-    node = _numbers(~eligible_or_excluded(normal) & ~(gap_n + gap_trial > own + vertices))
+    node = indices(~eligible_or_excluded(normal) & ~(gap_n + gap_trial > own + vertices))
     if not len(node):
         return node, np.empty(0)
     if search.pairing.follows:
         node = node[search.candidates.near(search.points.take(node), x, search.reach)]
         points = search.points.take(node)
         segment, gap = search.candidates.pair(points, x, search.segment[node], search.reach)
-        inside = _numbers(gap < 0)
+        inside = indices(gap < 0)
         node, segment, gap = node[inside], segment[inside], gap[inside]
         before = search.candidates.gap(search.points.take(node), search.x_n, segment)
     else:
@@ -167,7 +167,7 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
     approach, node = step.search.approach, step.normal.nodes
     inside = approach.gap < np.fmin(approach.gap_n, 0.0) - TOUCHES * step.state.segment_sizes
     if (tolerance := vertex_tolerance(step.state)) is not None:
-        node = _numbers(eligible_or_excluded(step.normal))
+        node = indices(eligible_or_excluded(step.normal))
         inside &= approach.gap < -np.fmin(tolerance, _kernels.HYSTERESIS * step.state.segment_sizes)
     node = node[inside[node] if known is None else (inside & ~known)[node]]
     return _message(step, node, approach.gap[node], x)
@@ -212,7 +212,7 @@ def check_penetration(step: ContactStep, dt: float) -> str:
         step: The solved step.
         dt: Its length [s].
     """
-    counts = [0, 0, step.search.pairing.num_beyond(step.x, _numbers(step.normal.active))]
+    counts = [0, 0, step.search.pairing.num_beyond(step.x, indices(step.normal.active))]
     if step.search.pairing.follows:
         counts[:2] = _without_segment(step), _between_segments(step)
     without, between, beyond = reductions.total(step.state.nodes.V.mesh.comm, counts)
@@ -289,10 +289,6 @@ def check_boundaries(
     )
 
 
-def _numbers(flags: Flags) -> Ints:
-    return flags.nonzero()[0].astype(np.int32)
-
-
 def _passage(step: ContactStep, free: Flags) -> Passage:
     """Nodes that pass through their candidates, among those flagged by `free`, ``(n,)``. Local."""
     search = step.search
@@ -312,7 +308,7 @@ def _without_segment(step: ContactStep) -> int:
     deep[deep] = old.gap[deep] < -lost_depth(candidates, before[deep])
     pressing = step.normal.active.copy()
     pressing[pressing] = search.gap[pressing] < -lost_depth(candidates, now[pressing])
-    node = _numbers(deep | pressing)
+    node = indices(deep | pressing)
     if not len(node):
         return 0
     points = search.points.take(node)
@@ -335,7 +331,7 @@ def _between_segments(step: ContactStep) -> int:
 
     At a concave edge the projection of a node may be outside both segments.
     """
-    node = _numbers(step.normal.active)
+    node = indices(step.normal.active)
     if not len(node):
         return 0
     search, size = step.search, step.search.candidates.size
@@ -359,7 +355,7 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
         residual: Norm of the residual of the solution, the accuracy of forces [N].
     """
     pairs, state, normal = last.pairs, step.state, step.normal
-    loaded = _numbers(last.active & (normal.lambda_N[pairs.node] != 0))
+    loaded = indices(last.active & (normal.lambda_N[pairs.node] != 0))
     node = pairs.node[loaded]
     size, pressure = state.segment_sizes[node], -normal.lambda_N[node]
     floor = _CONE * pressure.max(initial=0.0) + _NOISE * residual
@@ -389,7 +385,7 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
     if not reductions.anywhere(state.nodes.V.mesh.comm, any(map(np.any, are_wrong))):
         return ""
     for (text, value, _), flags in zip(errors, are_wrong, strict=True):
-        wrong = _numbers(flags)
+        wrong = indices(flags)
         columns = node[wrong], value[wrong], step.x[state.nodes.nodes[node[wrong]]]
         if message := _wrong_nodes(step, text, *columns):
             return message

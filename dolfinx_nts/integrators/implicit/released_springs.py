@@ -22,7 +22,7 @@ from collections.abc import Sequence
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, indices
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
@@ -88,7 +88,7 @@ class ReleasedSprings:
         surplus = step.normal.surplus_energy(last.pairs)
         surplus[surplus <= _ROUNDING * history.energy[last.pairs.node]] = 0.0
         energy = step.normal.released_energy(last.pairs.node)
-        node = np.flatnonzero(energy > 0).astype(np.int32)
+        node = indices(energy > 0)
         if not reductions.anywhere(self._bulk.comm, len(node) > 0 or bool(surplus.any())):
             return
         pairs, scatter = last.pairs, candidates.scatter

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints, indices
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.extrapolation import group_of_nodes
 from dolfinx_nts.parallel import reductions
@@ -31,7 +31,7 @@ class BodyGroups:
         self.comm: MPI.Comm = V.mesh.comm
         self.number_of: Ints = group_of_nodes(bodies)[: V.dofmap.index_map.size_local]
         numbers = range(1 + reductions.largest(self.comm, int(self.number_of.max(initial=0))))
-        self.nodes = [np.flatnonzero(self.number_of == each).astype(np.int32) for each in numbers]
+        self.nodes = [indices(self.number_of == each) for each in numbers]
 
     def sums(self, nodes: Ints | slice, values: Floats) -> Floats:
         """Sum values at owned nodes, ``(k,)``, by groups; shape ``(g,)``, of all ranks."""

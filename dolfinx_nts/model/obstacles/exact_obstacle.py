@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dolfinx_nts.common.arguments import as_call, is_of_package
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints, indices
 from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.facing import Facing
@@ -258,7 +258,7 @@ class ExactObstacle(Obstacle):
         return begin, np.where(end > inside, end, begin)
 
     def near(self, x: Floats, reach: float) -> Ints:
-        return np.flatnonzero(self._nodal_height(x) <= reach).astype(np.int32)
+        return indices(self._nodal_height(x) <= reach)
 
 
 def tangents_of(normal: Floats) -> Floats:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.obstacles.facing import Facing
@@ -183,7 +183,7 @@ class RigidSurface(Obstacle):
         """Find the facets that may be within the box around points, shape ``(m, 3)`` [m]."""
         least, greatest = self.corners.min(axis=1), self.corners.max(axis=1)
         apart = (least > points.max(axis=0)) | (greatest < points.min(axis=0))
-        return np.flatnonzero(~apart.any(axis=1)).astype(np.int32)
+        return indices(~apart.any(axis=1))
 
     def depth_behind(self, facets: Ints, begin: Floats, x: Floats) -> Floats:
         """Depth of points behind facets that straight paths to them enter, at any depth.

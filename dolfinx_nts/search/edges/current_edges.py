@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints, indices
 from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.search.edges.sharp_edges import unit_normals
 
@@ -105,4 +105,4 @@ def _near(boxes: Boxes, others: Boxes, reach: float) -> Ints:
     least = others[0].min(axis=0, initial=np.inf) - reach
     greatest = others[1].max(axis=0, initial=-np.inf) + reach
     near: Flags = ((lower <= greatest) & (upper >= least)).all(axis=1)
-    return np.flatnonzero(near).astype(np.int32)
+    return indices(near)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_nts._kernels import DEEPEST, HYSTERESIS, OVERHANG
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints, indices
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.trajectories import Trajectories
 from dolfinx_nts.search.candidates import Candidates
@@ -130,7 +130,7 @@ class EdgeCandidates(SegmentCandidates):
         held = current[current >= 0]
         searches = np.zeros(len(x), dtype=bool)
         searches[points.nodes[current < 0] if np.isinf(slack) else points.nodes] = True
-        met = np.flatnonzero(searches[self._carrier]).astype(np.int32)
+        met = indices(searches[self._carrier])
         found = self._met(x, met, reach)
         candidate, gaps, beyond, depth = (
             found.with_others(self._kept_candidates(x, held, slack)) if len(held) else found
@@ -150,7 +150,7 @@ class EdgeCandidates(SegmentCandidates):
         every = np.arange(len(self._pairs), dtype=np.int32)
         carries = np.zeros(len(x), dtype=bool)
         carries[self._carrier[self._within(x, every, reach)]] = True
-        return np.flatnonzero(carries[points.nodes]).astype(np.int32)
+        return indices(carries[points.nodes])
 
     def _within(self, x: Floats, pair: Ints, reach: float, overhang: float = 0.0) -> Ints:
         """Pairs with boxes within ``reach`` [m]; the other edge is extended by ``overhang``."""
@@ -185,11 +185,11 @@ class EdgeCandidates(SegmentCandidates):
         # At a common vertex of two own edges the crossing belongs to the edge that starts there.
         # Among the other edges, crossings beyond an end are admissible at corners.
         beyond = np.abs(other - 0.5) - 0.5
-        some = np.flatnonzero(
+        some = indices(
             (np.abs(crossing.gap) <= reach)
             & ((own >= -_ROUNDING) & (own < 1 - _ROUNDING))
             & ((beyond <= OVERHANG) & (crossing.sine > _CROSSING[0]))
-        ).astype(np.int32)
+        )
         pair, crossing, beyond = pair[some], crossing.take(some), beyond[some]
         is_beyond: Flags = beyond > _ROUNDING
         if not len(pair):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints, indices
 from dolfinx_nts.search.edges.sharp_edges import unit_normals
 from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates, distances, extend_evenly
 from dolfinx_nts.search.mortar.mortar_points import MortarFacets, MortarPoints, Shares
@@ -156,7 +156,7 @@ class FacetPoints:
             faces &= near
             known.append((y, gap))
         if not faces.all():
-            kept = np.flatnonzero(faces).astype(np.int32)
+            kept = indices(faces)
             places = places.only(kept, places.shares)
             facet, of_segment, segment = facet[kept], of_segment[kept], segment[kept]
             weight, linear, dual = weight[kept], linear[kept], dual[kept]
@@ -335,7 +335,7 @@ class FacetPoints:
             adjacent, vertices = around
             places = self.places.of(x), vertices, self.of_segment
             has_weight &= ~adjacent.are_nearer_to_adjacent(*places)
-        inner = np.flatnonzero(has_weight).astype(np.int32)
+        inner = indices(has_weight)
         facet, psi = self.facet[inner], self.dual[inner]
         if dual_fraction is not None:
             scatter, k = self.candidates.scatter, psi.shape[1]

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints, indices
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.closed_boundaries import ClosedBoundary, raised, wall_height, walls
 from dolfinx_nts.parallel import reductions
@@ -113,7 +113,7 @@ class Insides:
         count, at_an_edge = crossings
         inside = (count > 0) & deep
         # Rays that hit an edge are ambiguous, which is only frequent for points on the boundary.
-        unsure = np.flatnonzero((at_an_edge > 0) & deep).astype(np.int32)
+        unsure = indices((at_an_edge > 0) & deep)
         if len(unsure):
             winding = self._kernels.winding(points[unsure], where[unsure])
             inside[unsure] = reductions.total(self._comm, winding) > 0.5
@@ -131,7 +131,7 @@ class Insides:
         """
         crossings = self._kernels.crossings(points, where, self._boxes)
         count, at_an_edge = reductions.total(self._comm, crossings)
-        unsure = np.flatnonzero(at_an_edge).astype(np.int32)
+        unsure = indices(at_an_edge)
         if len(unsure):
             winding = self._kernels.winding(points[unsure], where[unsure])
             count[unsure] = np.rint(reductions.total(self._comm, winding))

@@ -4,7 +4,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.rims import is_nearest_a_rim
 from dolfinx_nts.model.segments import area_vectors
@@ -47,7 +47,7 @@ class SmoothCandidates(SegmentCandidates):
         slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
         segment, gap = super().pair(points, x, current, reach, slack)
-        some = np.flatnonzero(segment >= 0).astype(np.int32)
+        some = indices(segment >= 0)
         if len(some):
             pairs, orientation = self._patches(points.take(some), x, segment[some])
             xi, smooth, *_ = _kernels.patch_project(pairs, orientation)

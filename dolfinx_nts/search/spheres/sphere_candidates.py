@@ -5,7 +5,7 @@ import copy
 import numpy as np
 
 from dolfinx_nts._kernels import HYSTERESIS
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints, indices
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.search.candidates import Candidates
@@ -112,7 +112,7 @@ class SphereCandidates(SmoothCandidates):
     ) -> tuple[Ints, Floats]:
         far = reach + self._bulge
         segment, gap = SegmentCandidates.pair(self, points, x, current, far, slack)
-        some = np.flatnonzero(segment >= 0).astype(np.int32)
+        some = indices(segment >= 0)
         gap[some] = self.gap(points.take(some), x, segment[some])
         segment[gap > reach] = -1
         gap[gap > reach] = np.nan

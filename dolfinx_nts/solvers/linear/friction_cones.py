@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 
 __all__ = ["ConeSolution", "solve"]
 
@@ -104,7 +104,7 @@ def _groups(W: Floats, m: int) -> list[Ints]:
     while True:
         least = np.where(feels | np.eye(m, dtype=bool), group, m).min(axis=1, initial=m)
         if np.array_equal(least, group):
-            return [np.flatnonzero(group == g).astype(np.int32) for g in np.unique(group)]
+            return [indices(group == g) for g in np.unique(group)]
         group = least
 
 

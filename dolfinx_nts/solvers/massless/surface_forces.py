@@ -7,7 +7,7 @@ import ufl
 from dolfinx import fem, la
 from ufl.algorithms import expand_derivatives
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints, indices
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.solvers.nodal_sum import NodalSum
 
@@ -47,9 +47,9 @@ class SurfaceForces:
         topology = V.mesh.topology
         owned = topology.index_map(topology.dim).size_local
         touches = (marker.array[V.dofmap.list[:owned]] > 0).any(axis=1)
-        self.cells: Ints = np.flatnonzero(touches).astype(np.int32)
+        self.cells: Ints = indices(touches)
         for form in (self._residual, self._derivative):
-            form.leave_out(np.flatnonzero(~touches).astype(np.int32))
+            form.leave_out(indices(~touches))
         free: Floats = np.ones((index_map.size_local, self._dim))
         free.ravel()[fixed] = 0
         self.free: Floats = free[nodes]

@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx import la
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints, indices
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.solvers.linear.block_csr import BlockCSR
@@ -76,7 +76,7 @@ class BlockILU:
         flags = nodes[:, None].astype(np.float64)
         flags = np.concatenate([flags, self._scatter.at_ghosts(flags)])
         assert self._order is not None
-        self._places = np.flatnonzero(flags[self._order] > 0).astype(np.int32)
+        self._places = indices(flags[self._order] > 0)
 
     def solve(self, b: Floats) -> Floats:
         """Solution for b, nodal vectors of shape ``(n, d)``. Collective."""

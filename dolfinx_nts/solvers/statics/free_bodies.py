@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx import la
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints, indices
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.parallel import reductions
@@ -122,7 +122,7 @@ def _owned_nodes(bodies: Sequence[Body]) -> Ints:
     for body in bodies:
         marker.array[body.nodes] = 1
     marker.scatter_reverse(la.InsertMode.add)
-    return np.flatnonzero(marker.array[: index_map.size_local]).astype(np.int32)
+    return indices(marker.array[: index_map.size_local])
 
 
 def _frame(comm: MPI.Comm, x: Floats) -> tuple[Floats, float]:

@@ -10,7 +10,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.contact.enforcement import TOUCHES
 from dolfinx_nts.contact.implicit.local_search import LATE, Approach, LocalSearch, penetrated_nodes
 from dolfinx_nts.contact.implicit.mortar.mortar_pairing import MortarPairing
@@ -180,7 +180,7 @@ class FrozenPoints(LocalSearch):
         free = self.segment < 0
         free[node] = self._is_static & ~active[node]
         free &= self.candidates.facets.area > 0  # mid-nodes have no multipliers
-        return penetrated_nodes(self, x, free.nonzero()[0].astype(np.int32), LATE)
+        return penetrated_nodes(self, x, indices(free), LATE)
 
     def _near(self, node: Ints, active: Flags) -> Ints:
         """Select the nodes for which the position of the points matters. Local.

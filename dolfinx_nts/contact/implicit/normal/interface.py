@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.friction.interface import Friction
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
@@ -58,7 +58,7 @@ class NormalContact(ABC):
     def _begin(self, active: Flags, lambda_N: Floats) -> None:
         """Choose the eligible nodes, and deactivate all others. Collective."""
         self._eligible = self.choose() & ~self._replaced
-        self.nodes: Ints = self._eligible.nonzero()[0].astype(np.int32)
+        self.nodes: Ints = indices(self._eligible)
         self.active: Flags = active & self._eligible
         self.lambda_N: Floats = np.where(self.active, lambda_N, 0.0)
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.friction.interface import Friction
@@ -92,7 +92,7 @@ class MultiplierContact(NormalContact):
         super().renew(x, moved=moved)
         if not (self._choices and self._state.pair.touches_itself):
             return 0
-        barred = self._barred.nonzero()[0].astype(np.int32)
+        barred = indices(self._barred)
         return self._admit_penetrating(*penetrated_nodes(self._search, x, barred, _EXCLUDED_DEPTH))
 
     def may_activate(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:

@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, indices
 from dolfinx_nts.contact.enforcement import TOUCHES, LagrangeMultiplier
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
@@ -63,7 +63,7 @@ class _Vertices(NormalContact):
     def choose(self) -> Flags:
         eligible = self._faces_by_law() & ~released(self._state)
         chosen = eligible & self._sunk
-        node = (eligible & self._state.history.active).nonzero()[0].astype(np.int32)
+        node = indices(eligible & self._state.history.active)
         chosen[node] |= self._stay(node)
         self._barred = eligible & ~chosen
         return chosen
@@ -75,13 +75,13 @@ class _Vertices(NormalContact):
     def renew(self, x: Floats, *, moved: bool) -> int:
         """Make vertices eligible that have penetrated faces within the step."""
         search, candidates = self._search, self._candidates
-        node = self._barred.nonzero()[0].astype(np.int32)
+        node = indices(self._barred)
         points, current = search.points.take(node), search.segment[node]
         segment, gap = candidates.pair(points, x, current, search.reach)
         # Nodes deeper than half a facet have no segment: they passed through the segment of the
         # ballistic state.
         met = search.approach.segment[node]
-        lost = ((segment < 0) & (met >= 0)).nonzero()[0].astype(np.int32)
+        lost = indices((segment < 0) & (met >= 0))
         segment[lost] = met[lost]
         gap[lost] = candidates.gap(points.take(lost), x, met[lost])
         some = (gap < 0).nonzero()[0]
