@@ -42,10 +42,10 @@ __all__ = [
 # Largest depth of an active node below an adjacent segment, and by how much this may exceed the
 # depth below its own one, relative to the size of a segment [-].
 _DEEP, _DEEPER = 0.1, 0.05
-# Depth of a node without force below the one that elastic impact allows, relative to the size of its
-# segment [-], above which the step is solved again. Smaller: ordinary impacts are solved twice, as
-# nodes next to active ones end deeper than in the ballistic motion (at 0.01 the first impact of two
-# blocks takes 8 iterations instead of 4). Larger: impacts from rest may end deeper.
+# Depth of a node without force below the one that elastic impact allows, relative to the size of
+# its segment [-], above which the step is solved again. Smaller: ordinary impacts are solved twice,
+# as nodes next to active ones end deeper than in the ballistic motion (at 0.01 the first impact of
+# two blocks takes 8 iterations instead of 4). Larger: impacts from rest may end deeper.
 _TOO_DEEP = 0.02
 # Gap above which a multiplier must be 0, relative to the longest segment [-]. Smaller: below
 # the tolerance of constraints in Newton's method. Larger: forces without contact are accepted.
