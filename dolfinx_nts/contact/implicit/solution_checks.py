@@ -39,14 +39,15 @@ __all__ = [
     "passing_without_contact",
 ]
 
-# Largest depth of an active node below an adjacent segment, and by how much this may exceed the
-# depth below its own one, relative to the size of a segment [-].
+# Largest depth of an active node below an adjacent segment, or of one without force in the middle
+# of the step, and by how much the former may exceed the depth below the node's own segment,
+# relative to the size of a segment [-].
 _DEEP, _DEEPER = 0.1, 0.05
-# Depth of a node without force below the one that elastic impact allows, relative to the size of
-# its segment [-], above which the step is solved again. Smaller: ordinary impacts are solved twice,
-# as nodes next to active ones end deeper than in the ballistic motion (at 0.01 the first impact of
-# two blocks takes 8 iterations instead of 4). Larger: impacts from rest may end deeper.
-_TOO_DEEP = 0.02
+# Ratio of trial to computed relative motion of node and segment [-] below which a node moves from
+# rest, so that the trial motion does not predict contact. Larger: steps of vibrating bodies are
+# solved twice, and may have no second solution. Smaller: a body that begins to move penetrates
+# deeper than the law of impact allows.
+_STILL = 0.5
 # Gap above which a multiplier must be 0, relative to the longest segment [-]. Smaller: below
 # the tolerance of constraints in Newton's method. Larger: forces without contact are accepted.
 _OPEN = 1e-3
@@ -129,11 +130,23 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
         node = node[search.segment[node] >= 0]
         segment = search.segment[node]
         gap, before = search.pairing.gaps(x, node, segment), gap_n[node]
-    size = search.candidates.size[segment]
-    # Elastic impact allows half of the approach, after which the sum of both gaps is zero.
-    late = (gap + np.fmax(before, 0.0) < -_TOO_DEEP * size) & (gap < before - LATE * size)
+    size = step.state.segment_sizes[node]
+    late = gap < np.fmin(before, 0.0) - LATE * size
     late &= normal.may_activate(node, before, gap)
-    return node[late], gap[late]
+    # An elastic impact penetrates by up to half of the approach, where the mean gap is zero.
+    is_deep = (before + gap)[late] < -2 * _DEEP * size[late]
+    node, gap = node[late], gap[late]
+    if not len(node):
+        return node, gap
+    # Otherwise trial and computed motion are similar, and the law has excluded the node.
+    own, facing = step.state.nodes.nodes[node], search.candidates.segments[segment[late]]
+    number = max(facing.shape[1], 1)  # obstacles have no vertices, and rest in the frame
+    trial, made = (
+        np.linalg.norm(u[own] - u[facing].sum(axis=1) / number, axis=1)
+        for u in (search.approach.x - search.x_n, x - search.x_n)
+    )
+    from_rest = trial < _STILL * made
+    return node[from_rest | is_deep], gap[from_rest | is_deep]
 
 
 def _is_exhaustive(
