@@ -45,15 +45,15 @@ class Gradient:
     Args:
         stepper: An `EnergyMomentum`, `Midpoint`, `GeneralizedAlpha` or `QuasiStatic` stepper before
             the run.
-        controls: Each a ``fem.Constant`` or ``fem.Function`` in an energy, a load or the
-            objective, the value [m] of a condition in ``bcs``, or a coefficient of a law of
-            friction, as in ``Coulomb(mu)``; a ``fem.Constant`` from which
-            ``update`` computes the values of conditions; or ``stepper.u`` or ``stepper.v`` for the
-            initial state. Their values do not change in a run.
-        objective: UFL functional of ``stepper.u`` and ``stepper.v``, in `GeneralizedAlpha` also
-            ``stepper.a``, at the end of the run; or a
-            function of the time [s] that returns a functional of the state at the end of a step
-            ending then, or None. The objective is the sum of all of them.
+        controls: Each a ``fem.Constant`` or ``fem.Function`` in an energy, a load or the objective,
+            the value [m] of a condition in ``bcs``, or a coefficient of a law of friction, as in
+            ``Coulomb(mu)``; a ``fem.Constant`` from which ``update`` computes the values of
+            conditions; or ``stepper.u`` or ``stepper.v`` for the initial state. Their values do not
+            change in a run.
+        objective: UFL functional of ``stepper.u`` and ``stepper.v``, in `GeneralizedAlpha` also of
+            ``stepper.a``, at the end of the run; or a function of the time [s] that returns a
+            functional of the state at the end of a step ending then, or None. The objective is the
+            sum of all of them.
         until: Time at the end of the run [s].
         stored_steps: Number of steps whose states are stored. None for all. Otherwise the state is
             stored at every so many steps, and the steps between are repeated for a gradient, which

@@ -70,7 +70,7 @@ class PrescribedDerivative:
 
     def _other_data(self) -> list[Any]:
         """Constants and Functions that must not depend on it, of forms and friction. Collective."""
-        known = [self._control.value, self._equations.copies.get(self._control.value)]
+        known = self._equations.in_forms(self._control.value)
         forms, contacts = self._equations.bulk.forms, self._equations.contacts
         of_forms = ((*form.constants(), *form.coefficients()) for form in forms)
         of_friction = (coefficients_of(each.pair.friction, each.pair.nodes) for each in contacts)

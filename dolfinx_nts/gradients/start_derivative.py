@@ -44,7 +44,7 @@ class StartDerivative:
         self._of_controls = []
         for control in controls:
             value = control.value
-            names = [value, *([equations.copies[value]] if value in equations.copies else [])]
+            names = equations.in_forms(value)
             both = (FormDerivative(V.mesh, each, value, names) for each in (forms, actions))
             self._of_controls.append(tuple(both))
 

@@ -108,7 +108,7 @@ class StepDerivative:
         mesh = rates.u.function_space.mesh
         for control in controls:
             value = control.value
-            names = [value, *([equations.copies[value]] if value in equations.copies else [])]
+            names = equations.in_forms(value)
             self.of_controls.append(
                 (
                     FormDerivative(mesh, derivatives.forms, value, names),

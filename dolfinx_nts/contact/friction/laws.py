@@ -233,8 +233,8 @@ class Stribeck(FrictionLaw):
     that slid continues to slide.
 
     Args:
-        static: Static coefficient mu_s [-], a number, Constant or Function, as `Coulomb`.
-        kinetic: Kinetic coefficient mu_k [-], a number, Constant or Function, as `Coulomb`.
+        static: Static coefficient mu_s [-], a number, Constant or Function, see `Coulomb`.
+        kinetic: Kinetic coefficient mu_k [-], a number, Constant or Function, see `Coulomb`.
         speed: Speed v_s over which the coefficient falls from one to the other [m/s]; 0: static
             where a node sticks, kinetic where it slides.
         viscous: Slope c of the coefficient at high speeds [s/m].
@@ -297,8 +297,8 @@ class SlipWeakening(FrictionLaw):
     s is the accumulated slip of a node, as in ``ContactPair.history.slip``. It never decreases.
 
     Args:
-        static: Static coefficient mu_s [-], a number, Constant or Function, as `Coulomb`.
-        kinetic: Kinetic coefficient mu_k [-], a number, Constant or Function, as `Coulomb`.
+        static: Static coefficient mu_s [-], a number, Constant or Function, see `Coulomb`.
+        kinetic: Kinetic coefficient mu_k [-], a number, Constant or Function, see `Coulomb`.
         length: Decay length L [m].
         eps_T: See `Coulomb`.
 

@@ -110,7 +110,7 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     search, normal, x = step.search, step.normal, step.x
     gap_n, gap_trial = search.approach.gap_n, search.approach.gap
     if not len(search.candidates.segments):
-        return indices(np.zeros(len(gap_n), dtype=bool)), np.empty(0)
+        return np.empty(0, dtype=np.int32), np.empty(0)
     # The distance between computed and trial motion bounds the change of the gaps.
     off = x - search.approach.x
     vertices = _kernels.largest_size(off.take(search.candidates.segments.ravel(), axis=0))

@@ -638,6 +638,10 @@ class StepEquations(NamedTuple):
     set_start: Callable[[float, float], None]
     bodies: Sequence[Body]
 
+    def in_forms(self, value: fem.Constant | fem.Function) -> list[Any]:
+        """A Constant or Function of the user, and its copy in the forms of loads. Local."""
+        return [value, self.copies[value]] if value in self.copies else [value]
+
 
 def equations_of(stepper: ImplicitStepper) -> StepEquations:
     """Equations of the steps of a stepper. Local."""

@@ -64,7 +64,6 @@ class _SurfaceSlip(Slip):
         return end
 
     def tangent(self, t: Floats) -> Floats:
-
         if not self._is_at_end:
             return super().tangent(t)
         n_n, n, D = self.normal_n, self.normal, self._curvature

@@ -90,7 +90,6 @@ class RigidPlane(ExactObstacle):
         return np.zeros((len(x), 3, 3))
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-
         frame = np.repeat(self._tangents, len(x), axis=0)
         return frame, frame
 

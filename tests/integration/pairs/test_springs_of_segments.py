@@ -229,7 +229,7 @@ def test_laws_of_friction_see_the_whole_area_above_soft_segments_in_explicit_ste
 
 
 @pytest.mark.serial
-def test_friction_on_a_soft_plate_does_not_depend_on_a_stiff_body_beside_it(comm):
+def test_friction_on_a_soft_plate_does_not_depend_on_a_stiff_body_far_away(comm):
     """A stiff block strikes a soft plate obliquely; the pair may also have a stiff body far away.
 
     With tangential springs as stiff as that body, iterations were 171 instead of 104, and struts
