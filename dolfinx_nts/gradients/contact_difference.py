@@ -15,7 +15,7 @@ from dolfinx import la
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, start_from
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_forces, start_from
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.normal.active_set import ROUNDING
 from dolfinx_nts.contact.joint_state import members
@@ -81,7 +81,7 @@ class ContactDifference:
         self.size: float = max(member.pair.segment_size for member in self._members)
         self.between = step.state.pair.between
         n, d = step.state.nodes.V.dofmap.index_map.size_local, dimension(step.state.nodes.V)
-        self._force = contact_residual([step], [last], (n, d)).reshape(n, d)
+        self._force = contact_forces([step], [last], (n, d))
         (x_n, x_trial), chosen_at = step.begins_from, step.search.chosen_at
         self.settles = chosen_at is not None
         if chosen_at is not None:
@@ -126,7 +126,7 @@ class ContactDifference:
         state.accept(_changed(self._history, change))
         try:
             step, last = self._repeat(x_n, x_trial, x)
-            force = contact_residual([step], [last], (n, d)).reshape(n, d)
+            force = contact_forces([step], [last], (n, d))
             released: Floats = np.zeros((n, 3))
             energy = 0.0
             if self._released is not None:
@@ -158,9 +158,9 @@ class ContactDifference:
         Raises:
             ValueError: The step has chosen its contact points again on the way.
         """
-        n, d = self._force.shape
         step, last = self._repeat(self._ends[0], x_trial, self._ends[2])
-        force = contact_residual([step], [last], (n, d)).reshape(n, d)
+        n, d = self._force.shape
+        force = contact_forces([step], [last], (n, d))
         # Springs that touch by round-off of positions may push in any direction.
         eps_N = self._step.state.eps_N
         assert eps_N is not None

@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 import ufl
+from dolfinx import fem
+from ufl.core.expr import Expr
 
 from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.common.arguments import finite, whole
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState, keep_springs, springs_of
 from dolfinx_nts.gradients.controls import InitialControl, ParameterControl, control_of
+from dolfinx_nts.gradients.forces import ForceWeights, StepForces
 from dolfinx_nts.gradients.objective import Objective, Term
 from dolfinx_nts.gradients.start_derivative import start_derivative
 from dolfinx_nts.gradients.step_derivative import MotionState, StepDerivative, StepRecord
@@ -19,6 +22,8 @@ from dolfinx_nts.gradients.stored_run import StoredRun
 from dolfinx_nts.gradients.support import check_supported, has_adjoint
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper, equations_of
 from dolfinx_nts.integrators.step_control import ROUND_OFF
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Gradient"]
@@ -55,6 +60,11 @@ class Gradient:
             functional of the state at the end of a step ending then, or None. The objective is the
             sum of all of them.
         until: Time at the end of the run [s].
+        forces: Conditions in ``bcs``, for the force of these supports, see `Reaction`; surfaces or
+            bodies, for the contact force on all of their nodes, by all pairs. The objective is then
+            a function of the time and of each force, a vector ``fem.Constant`` (x, y, z), in the
+            plane (x, y), axisymmetric (y,) [N], with the value of the step. It may also return a
+            scalar of these, without integral.
         stored_steps: Number of steps whose states are stored. None for all. Otherwise the state is
             stored at every so many steps, and the steps between are repeated for a gradient, which
             takes the time of one more run.
@@ -74,15 +84,25 @@ class Gradient:
         >>> J = nts.Gradient(stepper, [stepper.v], kinetic, until=0.02)
         >>> J.gradient(np.ones(J.controls.size)).shape == J.controls.shape
         True
+
+        Slope of the largest contact force on a ball, with respect to its velocity:
+
+        >>> stepper = nts.EnergyMomentum(bodies, pairs, dt=0.01)
+        >>> def push(t, force):
+        ...     return force[2] ** 2
+        >>> J = nts.Gradient(stepper, [stepper.v], push, until=0.02, forces=[bodies[1]])
+        >>> J.gradient().shape == J.controls.shape
+        True
     """
 
     def __init__(
         self,
         stepper: ImplicitStepper,
         controls: Sequence[Any],
-        objective: ufl.Form | Callable[[float], ufl.Form | None],
+        objective: ufl.Form | Callable[..., ufl.Form | Expr | None],
         *,
         until: float,
+        forces: Sequence[fem.DirichletBC | Surface | Body] = (),
         stored_steps: int | None = None,
     ) -> None:
         check_supported(stepper)
@@ -107,7 +127,8 @@ class Gradient:
         self._begin = start_derivative(equations, self._parameters)
         values = [control.value for control in self._parameters]
         state = (stepper.u, stepper.v, *self._steps.carried[1:])
-        self._objective = Objective(objective, state, values)
+        self._forces = StepForces(forces, equations)
+        self._objective = Objective(objective, state, values, self._forces.constants)
         self._given = objective
         self._check_occurrence()
         self._start = Snapshot()
@@ -224,7 +245,8 @@ class Gradient:
         return array
 
     def _new_store(self) -> StoredRun:
-        return StoredRun(self.stepper, self._steps.carried, self._every, self._equations)
+        known = self._every, self._equations, self._forces
+        return StoredRun(self.stepper, self._steps.carried, *known)
 
     def _without_adjoint(self) -> str:
         """Name of contact without an adjoint."""
@@ -246,7 +268,7 @@ class Gradient:
         for step in self._stored.forward(self._until):
             self._check_kept()
             is_end = self._until - step.t <= ROUND_OFF * step.dt
-            term = self._objective.term(step.t, is_end=is_end)
+            term = self._term(step, is_end=is_end)
             self._value += 0.0 if term is None else term.value()
         self._springs = self._springs or {
             each: springs_of(each) for each in self._equations.contacts
@@ -265,25 +287,32 @@ class Gradient:
         finally:
             self.stepper.serialize(end.rewind())
 
-    def _slopes(self, step: StepRecord, *, is_end: bool) -> tuple[Term | None, list[Floats]]:
-        """Term of the objective at the end of a step, whose state is set, and its slopes."""
-        slopes = self._objective.zeros()
-        term = self._objective.term(step.t, is_end=is_end)
-        if term is not None:
-            self._steps.take_end(step)
-            term.add_slopes(slopes)
-        return term, slopes
+    def _term(self, step: StepRecord, *, is_end: bool) -> Term | None:
+        """Term of the objective at the end of a step, whose state is set."""
+        self._forces.set(step.forces)
+        return self._objective.term(step.t, is_end=is_end)
+
+    def _slopes(
+        self, step: StepRecord, *, is_end: bool
+    ) -> tuple[list[Floats], list[Floats | float], ForceWeights | None]:
+        """Slopes of the term at the end of a step for state, parameters and forces."""
+        slopes, term = self._objective.zeros(), self._term(step, is_end=is_end)
+        if term is None:
+            return slopes, [0.0 for _ in self._parameters], None
+        self._steps.take_end(step)
+        term.add_slopes(slopes)
+        found, m = term.gradients(), len(self._parameters)
+        return slopes, found[:m], self._forces.weights(found[m:])
 
     def _adjoint(self) -> Floats:
         """Gradient by a sweep backwards."""
         gradients = [np.zeros(control.size) for control in self._parameters]
         costate = self._steps.zeros()
         for step, is_end in self._stored.steps(backwards=True):
-            term, slopes = self._slopes(step, is_end=is_end)
-            if term is not None:
-                for gradient, form in zip(gradients, term.of_parameters, strict=True):
-                    gradient += form.gradient() if form.exists else 0.0
-            costate = self._steps.adjoint(step, _with(costate, slopes), gradients)
+            slopes, of_parameters, weights = self._slopes(step, is_end=is_end)
+            for gradient, part in zip(gradients, of_parameters, strict=True):
+                gradient += part
+            costate = self._steps.adjoint(step, _with(costate, slopes), gradients, weights)
         if self._stored.computes_acceleration and self._begin is not None:
             costate = self._begin.adjoint(step, costate, gradients)
         known = iter(gradients)
@@ -310,13 +339,12 @@ class Gradient:
         for step, is_end in self._stored.steps(backwards=False):
             if begin is not None:
                 change, begin = begin.tangent(step, change, changes), None
-            change = self._steps.tangent(step, change, changes)
-            term, slopes = self._slopes(step, is_end=is_end)
-            if term is not None:
-                for form, part in zip(term.of_parameters, changes, strict=True):
-                    total += float(form.gradient() @ part) if form.exists else 0.0
-                known = zip(slopes, [change.u, *change.rates], strict=False)
-                total += reductions.total(self._comm, sum(float(np.vdot(*both)) for both in known))
+            slopes, of_parameters, weights = self._slopes(step, is_end=is_end)
+            change, of_forces = self._steps.tangent(step, change, changes, weights)
+            total += of_forces
+            total += sum(np.sum(s * c) for s, c in zip(of_parameters, changes, strict=True))
+            known = zip(slopes, [change.u, *change.rates], strict=False)
+            total += reductions.total(self._comm, sum(float(np.vdot(*both)) for both in known))
         return total
 
 

@@ -21,6 +21,7 @@ from dolfinx_nts.gradients.contact_derivative import (
 )
 from dolfinx_nts.gradients.contact_difference import ContactDifference, ContactResult
 from dolfinx_nts.gradients.controls import FormDerivative, ParameterControl
+from dolfinx_nts.gradients.forces import ForceWeights
 from dolfinx_nts.gradients.prescribed_derivative import PrescribedDerivative
 from dolfinx_nts.gradients.rate_updates import RateUpdate, rate_update
 from dolfinx_nts.integrators.implicit.implicit_stepper import StepEquations
@@ -66,6 +67,7 @@ class StepRecord(NamedTuple):
         start, end: States at its ends, values of the local dofs, each ``(d l,)``.
         contacts: Derivatives of its contact.
         differences: Contact whose derivatives are known along one direction only.
+        forces: Forces in the objective, see `StepForces`.
     """
 
     t_n: float
@@ -75,6 +77,7 @@ class StepRecord(NamedTuple):
     end: MotionState
     contacts: Sequence[ContactDerivative]
     differences: Sequence[ContactDifference]
+    forces: Sequence[Floats]
 
 
 class StepDerivative:
@@ -157,17 +160,23 @@ class StepDerivative:
         return MotionState(np.zeros(self._shape), rates, histories)
 
     def tangent(
-        self, step: StepRecord, start: MotionState, changes: Sequence[Floats]
-    ) -> MotionState:
+        self,
+        step: StepRecord,
+        start: MotionState,
+        changes: Sequence[Floats],
+        weights: ForceWeights | None = None,
+    ) -> tuple[MotionState, float]:
         """Perturbation of the state at the end of a step, to first order (tangent-linear step).
 
         Args:
             step: The step.
             start: Perturbation of the state at its start, nodal arrays ``(n, d)``.
             changes: Perturbations of the parameters, see `ParameterControl`.
+            weights: Derivatives of the objective with respect to forces of the step; None if 0.
 
         Returns:
-            The perturbation of the state at its end.
+            The perturbation of the state at its end, and that of the objective through the forces,
+            the same on all ranks.
         """
         update = self.take(step)
         force = self._derivatives.along_start([start.u, *start.rates])
@@ -180,11 +189,16 @@ class StepDerivative:
         known = zip(self._controls, changes, self.of_friction, strict=True)
         coefficients = [(control, change) for control, change, is_one in known if is_one]
         motion = ContactMotion(start.u, self._trial(start) + given, given, coefficients)
+        of_forces = 0.0 if weights is None else np.vdot(weights.bulk, force)
         for contact in step.contacts:
-            force += contact.force_by(motion, histories)
+            by_start = contact.force_by(motion, histories)
+            of_forces += 0.0 if weights is None else np.vdot(weights.contact, by_start)
+            force += by_start
             force += contact.end_product(given) if acts else 0.0
         scale = self._largest([self._derivatives.free(force)]) if step.differences else 0.0
         u, motion = self._solution(step, force, motion, histories, scale)
+        if weights is not None:
+            of_forces += np.vdot(self._force_slope(step, weights), u)
         for contact in step.contacts:
             contact.update(motion._replace(end=u), histories)
         rows = zip(update.of_end, update.of_start, [*update.of_rates], strict=True)
@@ -194,12 +208,26 @@ class StepDerivative:
         if step.differences:
             motion = motion._replace(end=u)
             h, ahead, behind = self._differences(step, motion, histories, scale)
+            if weights is not None:
+                of_forces += np.vdot(weights.contact, _slope(ahead, behind, h))
             for each, a, b in zip(step.differences, ahead, behind, strict=True):
                 of_history: Floats = np.subtract(a.history, b.history) / (2 * h)
                 each.update(of_history, histories)
             if rates:
                 rates[0] = rates[0] + self._impulses(step, u, rates[0], h, (ahead, behind))
-        return MotionState(u, rates, histories)
+        if weights is not None:
+            of_forces = reductions.total(self._bulk.comm, float(of_forces))
+        return MotionState(u, rates, histories), float(of_forces)
+
+    def _force_slope(self, step: StepRecord, weights: ForceWeights) -> Floats:
+        """Derivative of weighted forces with respect to the end of a step, ``(n, d)``.
+
+        Contact without an adjoint is left out.
+        """
+        slope = self._derivatives.transposed(weights.bulk)
+        for contact in step.contacts:
+            slope = slope + contact.end_product(weights.contact, transposed=True)
+        return slope
 
     def _solution(
         self,
@@ -303,7 +331,11 @@ class StepDerivative:
         return difference.reshape(n, d)
 
     def adjoint(
-        self, step: StepRecord, end: MotionState, gradients: Sequence[Floats]
+        self,
+        step: StepRecord,
+        end: MotionState,
+        gradients: Sequence[Floats],
+        weights: ForceWeights | None = None,
     ) -> MotionState:
         """Costate at the start of a step.
 
@@ -311,6 +343,7 @@ class StepDerivative:
             step: The step.
             end: Costate at its end: derivatives of the objective, nodal arrays ``(n, d)``.
             gradients: Gradients with respect to the parameters, changed in place.
+            weights: Derivatives of the objective with respect to forces of the step; None if 0.
 
         Returns:
             The costate at its start.
@@ -320,9 +353,15 @@ class StepDerivative:
         histories = dict(end.histories)
         for contact in step.contacts:
             slope = slope + contact.slope(self._shape, histories)
+        if weights is not None:
+            slope = slope + self._force_slope(step, weights)
         act = partial(self._product, step, transposed=True)
         costate = self._solver.solve(act, derivatives.free(slope))
-        of_start, *of_rates = derivatives.transposed_start(costate)
+        # Forces are parts of the residual, as if its costate were smaller by their weights.
+        of_bulk, of_contact = (
+            costate - part for part in ((0.0, 0.0) if weights is None else weights)
+        )
+        of_start, *of_rates = derivatives.transposed_start(of_bulk)
         for (_, forms), gradient in zip(self.of_controls, gradients, strict=True):
             if forms.exists:
                 gradient -= forms.gradient()
@@ -336,7 +375,7 @@ class StepDerivative:
         ]
         dt = float(self._rates.dt.value)
         for contact in step.contacts:
-            motion = contact.adjoint(costate, histories)
+            motion = contact.adjoint(of_contact, histories)
             if acting:
                 product = contact.end_product(costate, transposed=True)
                 of_given = of_given + motion.trial - product

@@ -4,13 +4,15 @@ from collections.abc import Iterator, Sequence
 from itertools import islice
 from typing import NamedTuple
 
+import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Snapshot
-from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_forces
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.gradients.contact_derivative import ContactDerivative
 from dolfinx_nts.gradients.contact_difference import ContactDifference
+from dolfinx_nts.gradients.forces import StepForces
 from dolfinx_nts.gradients.step_derivative import MotionState, StepRecord
 from dolfinx_nts.gradients.support import check_open, check_resisted, has_exact_derivative
 from dolfinx_nts.integrators.implicit.generalized_alpha import NewmarkRates
@@ -38,6 +40,7 @@ class StoredRun:
         carried: Rates that its scheme carries from step to step.
         every: Number of steps whose states are stored at a time; None for all.
         equations: Equations of its steps.
+        forces: Forces of its steps in the objective.
 
     Attributes:
         has_differences: Whether any step has contact without an adjoint.
@@ -50,9 +53,10 @@ class StoredRun:
         carried: Sequence[fem.Function],
         every: int | None,
         equations: StepEquations,
+        forces: StepForces,
     ) -> None:
         self._stepper, self._carried, self._every = stepper, carried, every
-        self._relief, self._released = equations.relief, equations.released
+        self._forces, self._relief, self._released = forces, equations.relief, equations.released
         self.has_differences, rates = False, equations.rates
         self.computes_acceleration = isinstance(rates, NewmarkRates) and not rates.is_known
         self._segments: list[_Segment] = []
@@ -101,15 +105,18 @@ class StoredRun:
         rates_n, is_first = start.rates, self.computes_acceleration and not self._segments
         contacts: list[ContactDerivative] = []
         differences: list[ContactDifference] = []
+        contact_force = np.zeros(self._forces.shape)
 
         def observe(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> None:
-            nonlocal rates_n, is_first
+            nonlocal rates_n, is_first, contact_force
             contacts.clear()
             differences.clear()
             rates_n = self._state().rates
             if is_first:
                 check_open(steps)
             is_first = False
+            if self._forces.has_contact:
+                contact_force = contact_forces(steps, states, self._forces.shape)
             for step, state in zip(steps, states, strict=True):
                 if has_exact_derivative(step, state, gives_back=self._released is not None):
                     contacts.append(ContactDerivative(step, state, stepper.scheme.contact))
@@ -122,7 +129,8 @@ class StoredRun:
                 end = self._state()
                 known = tuple(contacts), tuple(differences)
                 start = start._replace(rates=rates_n)
-                yield StepRecord(t_n, report.dt, report.t, start, end, *known)
+                forces = self._forces.of(report.reactions, contact_force)
+                yield StepRecord(t_n, report.dt, report.t, start, end, *known, forces)
                 start, t_n = end, stepper.t
                 contacts.clear()
                 differences.clear()

@@ -98,6 +98,11 @@ class Supports:
         """Whether there are conditions on any rank. Local."""
         return bool(self.conditions)
 
+    def dofs_of(self, number: int) -> Ints:
+        """Owned scalar dofs of a condition, without those of conditions before it. Local."""
+        dofs: Ints = self.fixed[self._number == number]
+        return dofs
+
     def constants(self) -> list[tuple[str, Floats]]:
         """Names and current values [m] of conditions that are constant in space. Local."""
         values = (getattr(bc.g, "value", None) for bc in self.conditions)

@@ -25,7 +25,7 @@ from dolfinx_nts.fem.components import dimension, in_space, of_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
-__all__ = ["ContactStep", "contact_residual", "start_from"]
+__all__ = ["ContactStep", "contact_forces", "contact_residual", "start_from"]
 
 # Number of state changes above which the message of a failed step names the node.
 _UNSETTLED = 4
@@ -292,6 +292,16 @@ def contact_residual(
             forces = contribution.residual.reshape(*dofs.shape, 3)
             step.candidates.scatter.add(total, dofs, forces)
     return of_space(total, shape[1]).ravel()
+
+
+def contact_forces(
+    steps: Sequence[ContactStep],
+    contributions: Sequence[ContactContribution],
+    shape: tuple[int, int],
+) -> Floats:
+    """As `contact_residual`, but also at prescribed displacements, shape ``(n, d)`` [N]."""
+    everywhere = [each._replace(residual=each.force) for each in contributions]
+    return contact_residual(steps, everywhere, shape).reshape(shape)
 
 
 def start_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_forces
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.implicit.inertia import Inertia
 from dolfinx_nts.model.bodies import Body
@@ -190,10 +190,7 @@ class Reactions:
             return (), 0.0
         supports, rigid = self._bulk.supports, self._bulk.rigid
         fixed, (n, d) = supports.fixed, du.shape
-        # The residual of a contact state excludes forces on prescribed displacements; ``force``
-        # includes them.
-        everywhere = [state._replace(residual=state.force) for state in solution.end.states]
-        force = solution.end.forces + contact_residual(steps, everywhere, (n, d))
+        force = solution.end.forces + contact_forces(steps, solution.end.states, (n, d)).ravel()
         if self._at_mean:
             x = x.copy()
             x[:n] -= in_space(du) / 2
