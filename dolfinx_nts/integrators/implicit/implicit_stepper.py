@@ -479,6 +479,8 @@ class ImplicitStepper(Stepper):
 
     def _forces_at_start(self) -> Floats:
         """Residual with loads and contact springs at the time t, on the owned dofs [N]."""
+        # Velocities may have been set of bodies that have slept.
+        self._sleeping.wake()
         self._load_at(0.0)
         forces: Floats = self._bulk.forces() + self._step_solver.spring_forces(self.x)
         self._load_at(self.scheme.load_point)

@@ -133,7 +133,7 @@ class SleepingBodies:
         states = zip(self._groups, counts.tolist(), strict=True)
         candidates = {group: known for group, (still, known) in states if still}
         if new := [group for group, known in candidates.items() if not known]:
-            self._wake_all()
+            self.wake()
             balanced = self._balanced(new, u_n)
             candidates = {g: known for g, known in candidates.items() if known or g in balanced}
         self._u_n[:] = u_n
@@ -149,7 +149,7 @@ class SleepingBodies:
         }
         reached = any(not touched.isdisjoint(self._pairs[group]) for group in self._asleep)
         if reached:
-            self._wake_all()
+            self.wake()
         return reached
 
     def _balanced(self, groups: Sequence[_Group], u_n: Floats) -> set[_Group]:
@@ -167,7 +167,8 @@ class SleepingBodies:
         counts = reductions.total(bulk.comm, bad)
         return {group for group, n in zip(groups, counts, strict=True) if not n}
 
-    def _wake_all(self) -> None:
+    def wake(self) -> None:
+        """Include all bodies in the forms, until the next call of `find`. Local."""
         self._leave_out(frozenset())
 
     def _leave_out(self, groups: frozenset[_Group]) -> None:
