@@ -170,6 +170,20 @@ def test_any_action_on_a_body_wakes_it(comm, reason):
     assert stepper.advance().num_sleeping == (1 if reason == "nothing" else 0)
 
 
+def test_acceleration_after_velocities_are_set_includes_bodies_that_slept(comm):
+    """A plate that has slept keeps the velocity that it gets, as one that has not."""
+    accelerations = []
+    for steps in (0, 2):
+        bodies = scenes.ball_plate(comm).bodies
+        stepper, plate = nts.GeneralizedAlpha([*bodies.values()], dt=0.01), bodies["plate"]
+        for _ in range(steps):
+            assert stepper.advance().num_sleeping == 2
+        stepper.set_velocity(plate, (0.0, 0.0, -1.0))
+        stepper.advance()
+        accelerations.append(comm.allreduce(np.abs(stepper.a.x.array).max(initial=0.0)))
+    assert np.max(accelerations) < 1e-9
+
+
 @pytest.mark.parametrize("struck", ["elastic", once("rigid")])
 def test_bodies_that_share_nodes_sleep_together(comm, struck):
     data = box_meshes.boxes([(2, 2, 4), (1, 1, 1)], [(1.0, 1.0, 1.2), (0.5, 0.4, 0.3)])
