@@ -73,9 +73,9 @@ class Gradient:
         stepper: The argument.
 
     Raises:
-        TypeError: A control or the objective is of another kind.
-        ValueError: The stepper has parts without derivatives, which the message names, or a control
-            occurs nowhere. The methods raise it, too, if a control changes in the run, or if
+        TypeError: A control, a force or the objective is of another kind.
+        ValueError: The stepper has parts without derivatives, which the message names, a control
+            occurs nowhere, or a force is not one of the stepper. The methods raise it, too, if a control changes in the run, or if
             ``update`` computes other data from it than values of conditions.
 
     Example:
@@ -85,13 +85,16 @@ class Gradient:
         >>> J.gradient(np.ones(J.controls.size)).shape == J.controls.shape
         True
 
-        Slope of the largest contact force on a ball, with respect to its velocity:
+        Force of a support that presses a block down, and its stiffness:
 
-        >>> stepper = nts.EnergyMomentum(bodies, pairs, dt=0.01)
-        >>> def push(t, force):
-        ...     return force[2] ** 2
-        >>> J = nts.Gradient(stepper, [stepper.v], push, until=0.02, forces=[bodies[1]])
-        >>> J.gradient().shape == J.controls.shape
+        >>> lift = fem.Constant(mesh, np.array([0.0, 0.0, -0.02]))  # m
+        >>> upper = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], 1.01))
+        >>> lower = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], 0.0))
+        >>> moved, held = fem.dirichletbc(lift, upper, V), fem.dirichletbc(np.zeros(3), lower, V)
+        >>> pair = nts.ContactPair(bottom, top, nts.Penalty(), method="node-to-segment")
+        >>> press = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=[moved, held])
+        >>> J = nts.Gradient(press, [lift], lambda t, force: force[2], until=1.0, forces=[moved])
+        >>> bool(J.value() < 0 < J.gradient()[2])
         True
     """
 
