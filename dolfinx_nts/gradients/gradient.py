@@ -75,8 +75,9 @@ class Gradient:
     Raises:
         TypeError: A control, a force or the objective is of another kind.
         ValueError: The stepper has parts without derivatives, which the message names, a control
-            occurs nowhere, or a force is not one of the stepper. The methods raise it, too, if a control changes in the run, or if
-            ``update`` computes other data from it than values of conditions.
+            occurs nowhere, or a force is not one of the stepper. The methods raise it, too, if a
+            control changes in the run, or if ``update`` computes other data from it than values of
+            conditions.
 
     Example:
         >>> stepper = nts.EnergyMomentum(bodies, dt=0.01)
