@@ -322,7 +322,7 @@ class Gradient:
         known = iter(gradients)
         return np.concatenate(
             [
-                control.gathered(costate.rates[0] if control.is_velocity else costate.u)
+                control.gathered(_of_velocity(costate) if control.is_velocity else costate.u)
                 if isinstance(control, InitialControl)
                 else next(known)
                 for control in self._controls
@@ -337,8 +337,9 @@ class Gradient:
         change = self._steps.zeros()
         for control, part in both:
             if isinstance(control, InitialControl):
-                values = change.rates[0] if control.is_velocity else change.u
-                values.ravel()[:] = control.owned(part)
+                rates = change.rates
+                for values in [rates[0], rates[-1]] if control.is_velocity else [change.u]:
+                    values.ravel()[:] = control.owned(part)
         total, begin = 0.0, self._begin if self._stored.computes_acceleration else None
         for step, is_end in self._stored.steps(backwards=False):
             if begin is not None:
@@ -350,6 +351,12 @@ class Gradient:
             known = zip(slopes, [change.u, *change.rates], strict=False)
             total += reductions.total(self._comm, sum(float(np.vdot(*both)) for both in known))
         return total
+
+
+def _of_velocity(costate: MotionState) -> Floats:
+    """Costate of an initial velocity, which is the mean velocity before the first step. Local."""
+    of_velocity: Floats = costate.rates[0] + costate.rates[-1]
+    return of_velocity
 
 
 def _with(costate: MotionState, slopes: Sequence[Floats]) -> MotionState:

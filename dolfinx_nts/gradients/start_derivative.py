@@ -79,7 +79,8 @@ class StartDerivative:
         force = self._along.assembled().reshape(start.u.shape)
         for (forms, _), change in zip(self._of_controls, changes, strict=True):
             force += np.reshape(forms.along(change), force.shape) if forms.exists else 0.0
-        return start._replace(rates=[start.rates[0], self._solved(-force)])
+        v, _, mean = start.rates
+        return start._replace(rates=[v, self._solved(-force), mean])
 
     def adjoint(
         self, step: StepRecord, start: MotionState, gradients: Sequence[Floats]

@@ -382,7 +382,7 @@ class StepDerivative:
             trial = derivatives.free(motion.trial)
             u = u + motion.start + trial
             if rates:
-                rates[0] = rates[0] + dt * trial
+                rates[-1] = rates[-1] + dt * trial
         of_given = of_given - derivatives.free(of_given)
         for support, gradient in acting:
             gradient += support.gradient(of_given.ravel())
@@ -403,7 +403,7 @@ class StepDerivative:
     def _trial(self, start: MotionState) -> Floats:
         """Change of the trial motion of the search, without contact."""
         dt = float(self._rates.dt.value)
-        moved: Floats = start.u + dt * start.rates[0] if start.rates else start.u
+        moved: Floats = start.u + dt * start.rates[-1] if start.rates else start.u
         return self._derivatives.free(moved)
 
     def _product(self, step: StepRecord, x: Floats, *, transposed: bool = False) -> Floats:

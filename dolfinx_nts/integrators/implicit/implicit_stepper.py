@@ -402,12 +402,13 @@ class ImplicitStepper(Stepper):
             if not missed:
                 break
             admitted = {step.state: eligible_or_excluded(step.normal) for step in steps}
-            problem = replace(problem, x_trial=self.x, admitted=admitted)
+            problem = replace(problem.with_trial(self.x), admitted=admitted)
         return steps, solution
 
     def _problem(self, starts: Iterable[Start], load: float) -> StepProblem:
         """Data of the step that begins; ``load`` is the norm of its loads [N]."""
-        trial = next(start for start in starts if start.name == self._rates.trial)
+        by_name = {start.name: start for start in starts}
+        trial, of_springs = by_name[self._rates.trial], by_name[self._rates.spring_trial]
         intermediate = {
             part: self._X + self._in_space(self._motion.displacements(trial.guess, part))
             for part in _release_fractions(() if self._is_static else self.pairs)
@@ -415,7 +416,12 @@ class ImplicitStepper(Stepper):
         v = self.v.x.array[: len(self._lumped_mass)]
         force_scale = self._forces.scale(load, v, self.dt)
         return StepProblem(
-            self.x, self._X + self._in_space(trial.u), intermediate, load, force_scale
+            self.x,
+            self._X + self._in_space(trial.u),
+            self._X + self._in_space(of_springs.u),
+            intermediate,
+            load,
+            force_scale,
         )
 
     def _attempts(

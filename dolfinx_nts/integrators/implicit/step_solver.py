@@ -165,7 +165,7 @@ class StepSolver:
             problem: Data of the step.
             x: Positions of the local nodes at its end, shape ``(l, 3)`` [m].
         """
-        made = replace(problem, x_trial=x)
+        made = problem.with_trial(x)
         farthest = reductions.largest(self._bulk.comm, _kernels.farthest(problem.x_n, x))
         ends, repeat = (problem.x_n, x), partial(self._contact_step, made, False)
         return missed_contact(steps, self.sleeping.states, ends, farthest, repeat)
@@ -184,7 +184,7 @@ class StepSolver:
         shape = len(self.mass), self._bulk.rigid.dim
         steps = [
             step
-            for step in self._contact_steps(StepProblem(x, x, {}, 0.0, 0.0), False)
+            for step in self._contact_steps(StepProblem(x, x, x, {}, 0.0, 0.0), False)
             if step.state.eps_N is not None
         ]
         states = [step.evaluate(x[: shape[0]], None, 0) for step in steps]
@@ -192,10 +192,12 @@ class StepSolver:
 
     def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:
         """Create the `ContactStep` of each pair that may touch in the step."""
-        x_n, x_trial = problem.x_n, problem.x_trial
+        x_n = problem.x_n
         states: Sequence[PairState | JointState] = self.sleeping.states
         if not self._is_static:
-            farthest = reductions.largest(self._bulk.comm, _kernels.farthest(x_n, x_trial))
+            trials = problem.x_trial, problem.x_spring_trial
+            own = max(_kernels.farthest(x_n, x_trial) for x_trial in trials)
+            farthest = reductions.largest(self._bulk.comm, own)
             states = [state for state in states if may_face(state, x_n, farthest)]
         steps: list[ContactStep] = []
         for state in states:
@@ -215,7 +217,7 @@ class StepSolver:
         stiffness = contact_stiffness(
             self._tangent.nodal_stiffness(), self._bodies, self.mass, self._rates
         )
-        x_n, x_trial, scheme = problem.x_n, problem.x_trial, self._scheme
+        x_n, x_trial, scheme = problem.x_n, problem.trial(state), self._scheme
         return ContactStep(
             *(state, scheme.contact, x_n, x_trial, stiffness, self.free, self._is_static),
             self._bulk.rigid.nodes,

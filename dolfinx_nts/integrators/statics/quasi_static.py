@@ -227,7 +227,7 @@ class QuasiStatic(ImplicitStepper):
             nonlocal start, problem, last, after
             u = self.u.x.array.copy()
             start, last, after = replace(start, u=u, guess=u), self.x, steps
-            problem = replace(problem, x_trial=last)
+            problem = problem.with_trial(last)
 
         size = self._sizes.smallest
         relaxation = Relaxation(attempt, accept, farthest=self._extent(), size=size)
