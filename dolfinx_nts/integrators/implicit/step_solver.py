@@ -1,7 +1,6 @@
 """Solution of an implicit step from one starting guess."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
