@@ -144,7 +144,9 @@ def only_one_kind(mesh: Elements, dim: int) -> Elements:
     result = mesh._replace(numbers=numbers, x=np.concatenate(x), blocks=tuple(blocks))
     _logger.warning(
         "DOLFINx has spaces on cells of one kind, without prisms: %s are cut into %d "
-        "%s, which is harmless apart from the larger number of cells",
+        "%s. New nodes lie in the middle of edges: round surfaces keep the kinks of their former "
+        "facets, where contact pressures are too large. If round surfaces touch, mesh all bodies "
+        "with cells of one kind",
         ", ".join(f"{count} {KINDS[kind].name}" for kind, count in kinds.items()),
         result.kinds(dim)[_INTO[dim]],
         _NAMES[dim],

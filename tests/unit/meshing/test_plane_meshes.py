@@ -78,6 +78,7 @@ def test_a_file_of_triangles_next_to_quadrilaterals_is_cut_into_these(
     assert measure(data, kind="ds") == pytest.approx(4 + 2**0.5, rel=ROUNDING)
     if comm.rank == 0:
         assert "1 Triangle 3, 1 Quadrilateral 4 are cut into 7 quadrilaterals" in caplog.text
+        assert "round surfaces keep the kinks of their former facets" in caplog.text
 
 
 @pytest.mark.parametrize(
