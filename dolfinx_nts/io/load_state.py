@@ -104,7 +104,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         dropped.append(
             "internal variables of materials: dashpots and plastic flow begin without strain"
         )
-    names = pair_names(stepper.pairs)
+    names, begun = pair_names(stepper.pairs), list[str]()
     for i, name in enumerate(names):
         if i in others:
             text = f"contact of {name}: {others[i].text}"
@@ -112,6 +112,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
             if comm.rank == 0:
                 _logger.warning("%s: %s", path, text)
         elif i not in kept:
+            begun.append(name)
             dropped.append(f"contact of {name}, which begins without history")
         elif not kept[i].friction:
             contact = stepper.contacts[i]
@@ -120,6 +121,13 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
     used = {k.number for k in kept.values()} | {other.number for other in others.values()}
     unused = [n for n in _pairs(scene) if n not in used]
     dropped += [f"contact of pair {n} of the checkpoint, which this scene lacks" for n in unused]
+    if begun and unused and comm.rank == 0:
+        _logger.warning(
+            "%s: contact of %s begins without history, as no pair of the checkpoint has the same "
+            "surfaces and method: its force begins at zero, and bodies pressed before start to "
+            "move; give it the same surfaces, method and enforcement in both scenes to keep it",
+            *(path, ", ".join(begun)),
+        )
     if comm.rank == 0:
         _logger.info("%s was loaded at t = %g; not used: %s", path, stepper.t, "; ".join(dropped))
     return tuple(dropped)

@@ -109,6 +109,8 @@ def test_data_dropped_by_other_laws_and_integrators_are_reported(comm, path, cap
         assert len(messages) == (comm.rank == 0)
         warns = any(m.endswith(f"contact of {name}: {laws}") for m in caplog.messages)
         assert warns == ("enforcement" in options and bool(dropped) and comm.rank == 0)
+        lacks = any("surface_3_rigid_plane begins without history" in m for m in caplog.messages)
+        assert lacks == ("floor" in options and comm.rank == 0)
         caplog.clear()
         history = stepper.contacts[0].history
         is_lost = bool(dropped) and dropped[0].startswith("contact")
