@@ -59,7 +59,7 @@ class ContactStep:
         scheme: Kernel of contact: ``"conserving"``, ``"midpoint"`` or ``"static"``.
         x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
             [m].
-        x_trial: The same for the ballistic state x_n + h v_n.
+        x_trial: The same for the trial state without contact, see `Rates`.
         stiffness: Stiffness of each owned node of the space, shape ``(n,)`` [N/m]: the weight
             in the tests for contact and stick.
         free: 1 where the displacement of an owned node is unknown, 0 where it is prescribed, shape

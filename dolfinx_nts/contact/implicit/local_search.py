@@ -59,7 +59,8 @@ def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bo
         state: State of the contact pair, or of several.
         x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
             [m].
-        increment: Largest ballistic displacement increment of a node, the same on all ranks [m].
+        increment: Largest displacement increment of a node in the trial motion, the same on all
+            ranks [m].
     """
     if isinstance(state, JointState) or state.search.was_displaced:
         return True
@@ -72,13 +73,13 @@ def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bo
 
 
 class Approach(NamedTuple):
-    """Segments and gaps of the nodes in the ballistic state x_n + h v_n, without contact forces.
+    """Segments and gaps of the nodes in the trial state, without contact forces, see `Rates`.
 
     Attributes:
-        segment: Segment in the ballistic state, or else at t_n, or -1, shape ``(n,)``.
+        segment: Segment in the trial state, or else at t_n, or -1, shape ``(n,)``.
         gap_n: Gap to that segment at t_n, NaN without one, shape ``(n,)`` [m].
-        gap: Gap to that segment in the ballistic state, shape ``(n,)`` [m].
-        x: Ballistic positions of the nodes of the candidates' map, shape ``(l, 3)`` [m].
+        gap: Gap to that segment in the trial state, shape ``(n,)`` [m].
+        x: Trial positions of the nodes of the candidates' map, shape ``(l, 3)`` [m].
     """
 
     segment: Ints
@@ -96,7 +97,7 @@ class LocalSearch:
         state: State of the contact pair, or of several.
         x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
             [m].
-        x_trial: The same for the ballistic state x_n + h v_n.
+        x_trial: The same for the trial state, see `Rates`.
 
     Attributes:
         candidates: Candidates within the search radius.
@@ -108,7 +109,7 @@ class LocalSearch:
             [m].
         segment: Current segment of each node or -1, shape ``(n,)``.
         gap: Gap to the current segment, NaN without one, shape ``(n,)`` [m].
-        approach: Segments and gaps in the ballistic state.
+        approach: Segments and gaps in the trial state.
         passing: Flags of nodes that would pass through a segment in the trial motion, shape
             ``(n,)``.
         pairing: Evaluation of nodes and their segments.
@@ -127,7 +128,7 @@ class LocalSearch:
         self._x_in_space, self._members, self._ends = x_n, members(state), state.ends
         frame = state.search.frame
         x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
-        # Largest ballistic displacement increment of a node [m].
+        # Largest displacement increment of a node in the trial motion [m].
         self._increment: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Gap that counts as near, and largest distance of nodes in front of or behind segments [m].
         self._open_reach = _REACH * self._increment + _kernels.DEEPEST * state.longest_segment
@@ -160,7 +161,7 @@ class LocalSearch:
         # A node that would be too deep for the search gets the segment through which it enters.
         self.passing: Flags = np.zeros(len(met), dtype=bool)
         self._assign_entered(trial, met, gap_trial)
-        # The gap at t_n is the gap to the segment in the ballistic state.
+        # The gap at t_n is the gap to the segment in the trial state.
         gap_n = gap.copy()
         moved = indices((met >= 0) & (met != segment_n))
         if len(moved):

@@ -79,7 +79,7 @@ class _Vertices(NormalContact):
         points, current = search.points.take(node), search.segment[node]
         segment, gap = candidates.pair(points, x, current, search.reach)
         # Nodes deeper than half a facet have no segment: they passed through the segment of the
-        # ballistic state.
+        # trial state.
         met = search.approach.segment[node]
         lost = indices((segment < 0) & (met >= 0))
         segment[lost] = met[lost]
