@@ -35,19 +35,21 @@ class ContactMotion(NamedTuple):
     Attributes:
         start: At the start of the step.
         trial: In the trial motion of the search.
+        points: At the positions at which points of mortar contact are chosen.
         end: At the end of the step.
         coefficients: Perturbations of coefficients of friction, ``(size,)``, with their controls.
     """
 
     start: Floats
     trial: Floats
+    points: Floats
     end: Floats
     coefficients: Sequence[tuple[ParameterControl, Floats]] = ()
 
     @property
-    def positions(self) -> tuple[Floats, Floats, Floats]:
-        """Perturbations of start, trial and end."""
-        return self.start, self.trial, self.end
+    def positions(self) -> tuple[Floats, ...]:
+        """Perturbations of start, trial, points and end."""
+        return self.start, self.trial, self.points, self.end
 
 
 class _Rows:
@@ -190,11 +192,12 @@ class ContactDerivative:
         self._approach.add_to(trial, -inputs[:, 5])
         self._store(inputs[:, 2:5], histories)
         d = costate.shape[1]
-        return ContactMotion(of_space(start, d), of_space(trial, d), np.zeros_like(costate))
+        none = np.zeros_like(costate)
+        return ContactMotion(of_space(start, d), of_space(trial, d), none, none)
 
     def _inputs(self, motion: ContactMotion, histories: Histories) -> Floats:
         """Perturbations of the inputs of `SpringDerivatives`, shape ``(m, 6)``."""
-        start, trial, end = map(self._at, motion.positions)
+        start, trial, end = map(self._at, (motion.start, motion.trial, motion.end))
         approach = self._approach_n.of(start) - self._approach.of(trial)
         gaps = self._gap_n.of(start), self._gap.of(end)
         return np.column_stack([*gaps, self._of_nodes(histories), approach])

@@ -82,14 +82,15 @@ class ContactDifference:
         self.between = step.state.pair.between
         n, d = step.state.nodes.V.dofmap.index_map.size_local, dimension(step.state.nodes.V)
         self._force = contact_forces([step], [last], (n, d))
-        (x_n, x_trial), chosen_at = step.begins_from, step.search.chosen_at
+        (x_n, x_trial, x_points), chosen_at = step.begins_from, step.search.chosen_at
         self.settles = chosen_at is not None
         if chosen_at is not None:
             x_trial = self._spread(step.state.search.frame.in_space(chosen_at)[:n, :d])
-        self._ends = x_n, x_trial, x
-        self._check(x_trial, _SAME)
+            x_points = x_trial
+        self._ends = x_n, x_trial, x_points, x
+        self._check(x_trial, x_points, _SAME)
         if self.settles:
-            self._check(x, _SETTLED)
+            self._check(x, x, _SETTLED)
 
     def end_product(self, x: Floats) -> Floats:
         """Derivative of the force with respect to the end of the step, times ``(n, d)``."""
@@ -114,7 +115,7 @@ class ContactDifference:
             histories: Changes of the histories at the start of the step.
         """
         state, (n, d) = self._step.state, motion.start.shape
-        x_n, x_trial, x = (
+        x_n, x_trial, x_points, x = (
             there + h * self._spread(change)
             for there, change in zip(self._ends, motion.positions, strict=True)
         )
@@ -125,7 +126,7 @@ class ContactDifference:
         accepted = [member.accepted for member in self._members]
         state.accept(_changed(self._history, change))
         try:
-            step, last = self._repeat(x_n, x_trial, x)
+            step, last = self._repeat(x_n, x_trial, x_points, x)
             force = contact_forces([step], [last], (n, d))
             released: Floats = np.zeros((n, 3))
             energy = 0.0
@@ -148,17 +149,18 @@ class ContactDifference:
         error = float(np.abs((ahead + behind) / 2 - self._force).max(initial=0.0))
         return reductions.largest(self._scatter.index_map.comm, error)
 
-    def _check(self, x_trial: Floats, tolerance: float) -> None:
+    def _check(self, x_trial: Floats, x_points: Floats, tolerance: float) -> None:
         """Check that the contact of the step can be repeated.
 
         Args:
-            x_trial: Positions at which the points are chosen, shape ``(l, 3)`` [m].
+            x_trial: Trial positions, shape ``(l, 3)`` [m].
+            x_points: Positions at which the points are chosen, shape ``(l, 3)`` [m].
             tolerance: Admissible error relative to the largest force [-].
 
         Raises:
             ValueError: The step has chosen its contact points again on the way.
         """
-        step, last = self._repeat(self._ends[0], x_trial, self._ends[2])
+        step, last = self._repeat(self._ends[0], x_trial, x_points, self._ends[3])
         n, d = self._force.shape
         force = contact_forces([step], [last], (n, d))
         # Springs that touch by round-off of positions may push in any direction.
@@ -179,10 +181,10 @@ class ContactDifference:
             )
 
     def _repeat(
-        self, x_n: Floats, x_trial: Floats, x: Floats
+        self, x_n: Floats, x_trial: Floats, x_points: Floats, x: Floats
     ) -> tuple[ContactStep, ContactContribution]:
         """Contact for other positions, ``(l, 3)`` [m], with the same nodes that slide."""
-        step = self._step.repeat(x_n=x_n, x_trial=x_trial)
+        step = self._step.repeat(x_n=x_n, x_trial=x_trial, x_points=x_points)
         start_from([step], [self._step])
         step.friction.keeps_states = True
         return step, step.evaluate(x[: len(self._force)], None, 1)

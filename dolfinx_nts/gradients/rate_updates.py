@@ -18,8 +18,8 @@ class RateUpdate(NamedTuple):
 
     Attributes:
         carried: Functions of the rates at the start of a step, ``r`` in number: velocity, with
-            `NewmarkRates` acceleration, and last the mean velocity of the step before, which gives
-            the trial motion of springs; none without inertia.
+            `NewmarkRates` acceleration, and last the mean velocity of the step before, where
+            points of mortar contact are chosen; none without inertia.
         of_end: Derivatives of the new rates with respect to the displacement at the end, ``(r,)``.
         of_start: The same at the start, shape ``(r,)``.
         of_rates: Derivatives with respect to the old rates, shape ``(r, r)``.

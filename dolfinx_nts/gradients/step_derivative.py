@@ -188,7 +188,8 @@ class StepDerivative:
         histories = dict(start.histories)
         known = zip(self._controls, changes, self.of_friction, strict=True)
         coefficients = [(control, change) for control, change, is_one in known if is_one]
-        motion = ContactMotion(start.u, self._trial(start) + given, given, coefficients)
+        trials = (self._trial(start, rate) + given for rate in (0, -1))
+        motion = ContactMotion(start.u, *trials, given, coefficients)
         of_forces = 0.0 if weights is None else np.vdot(weights.bulk, force)
         for contact in step.contacts:
             by_start = contact.force_by(motion, histories)
@@ -262,7 +263,8 @@ class StepDerivative:
             if not settling:
                 return u, motion
             last, size = change, self._largest([u])
-            change, motion = self._largest([u - motion.trial]), motion._replace(trial=u)
+            change = self._largest([u - motion.points])
+            motion = motion._replace(trial=u, points=u)
             if change <= (_ROUNDED if change > last / 2 else _SETTLED) * size:
                 return u, motion
         raise ValueError(
@@ -382,7 +384,7 @@ class StepDerivative:
             trial = derivatives.free(motion.trial)
             u = u + motion.start + trial
             if rates:
-                rates[-1] = rates[-1] + dt * trial
+                rates[0] = rates[0] + dt * trial
         of_given = of_given - derivatives.free(of_given)
         for support, gradient in acting:
             gradient += support.gradient(of_given.ravel())
@@ -400,10 +402,10 @@ class StepDerivative:
                 acts = True
         return given, acts
 
-    def _trial(self, start: MotionState) -> Floats:
-        """Change of the trial motion of the search, without contact."""
+    def _trial(self, start: MotionState, rate: int) -> Floats:
+        """Change of the motion without contact, with one of the rates as velocity."""
         dt = float(self._rates.dt.value)
-        moved: Floats = start.u + dt * start.rates[-1] if start.rates else start.u
+        moved: Floats = start.u + dt * start.rates[rate] if start.rates else start.u
         return self._derivatives.free(moved)
 
     def _product(self, step: StepRecord, x: Floats, *, transposed: bool = False) -> Floats:

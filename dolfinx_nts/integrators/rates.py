@@ -112,11 +112,12 @@ class Rates(ABC):
         acceleration: Mean acceleration of a step as a function of ``u``, UFL (3,); None without
             inertia.
         is_unchanged: Whether the state at the start also solves the step.
-        trial: Name of the starting guess that is the trial motion in the search for the segments of
-            multipliers, which restrict the motion without contact.
-        spring_trial: The same for springs. The velocity of a node that springs hold may alternate
-            from step to step: points chosen where it leads are far from those that are loaded, and
-            springs that change their points under load let bodies sink into each other.
+        trial: Name of the starting guess that is the trial motion in the search for candidate
+            segments.
+        spring_points: Name of the starting guess at which points of mortar contact by springs are
+            chosen. The velocity of a node that springs hold may alternate from step to step: points
+            chosen where it leads are far from those that are loaded, and springs that change their
+            points under load let bodies sink into each other.
         force_time: Time of stress and loads for second order, from 0 at the start of a step to 1 at
             its end [-]; None if the scheme chooses it.
     """
@@ -124,7 +125,7 @@ class Rates(ABC):
     acceleration: Any | None
     force_time: float | None = None
     trial: ClassVar[str] = "ballistic"
-    spring_trial: ClassVar[str] = "coasting"
+    spring_points: ClassVar[str] = "coasting"
     is_unchanged = False
 
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
@@ -244,7 +245,7 @@ class NoRates(Rates):
         return "extrapolated" if self._extrapolates else "last"
 
     @property
-    def spring_trial(self) -> str:  # type: ignore[override]
+    def spring_points(self) -> str:  # type: ignore[override]
         """Name of the first starting guess."""
         return self.trial
 

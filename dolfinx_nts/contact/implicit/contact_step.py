@@ -72,11 +72,14 @@ class ContactStep:
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
         dt: Length of the step [s], for the speed of slip.
         others: Attempts of other pairs at the same step, on whose contact that of vertices depends.
+        x_points: Positions at which points of mortar contact are chosen, ``(l, 3)`` [m]; None for
+            ``x_trial``.
 
     Attributes:
         state: The argument.
-        begins_from: The positions x_n and x_trial.
-        repeat: Function ``repeat(x_n=, x_trial=)`` that makes another attempt from other positions.
+        begins_from: The positions x_n, x_trial and x_points.
+        repeat: Function ``repeat(x_n=, x_trial=, x_points=)`` that makes another attempt from other
+            positions.
         search: Segments of the nodes.
         normal: Normal contact of the nodes.
         friction: Friction of the nodes.
@@ -103,10 +106,12 @@ class ContactStep:
         begins_sticking: bool = False,
         dt: float = 1.0,
         others: Sequence["ContactStep"] = (),
+        x_points: Floats | None = None,
     ) -> None:
         """Find the candidates within the search radius, and the eligible nodes."""
         self.state, self._scheme = state, scheme
-        self.begins_from = x_n, x_trial
+        x_points = x_trial if x_points is None else x_points
+        self.begins_from = x_n, x_trial, x_points
         self.repeat = partial(
             ContactStep,
             state,
@@ -122,7 +127,7 @@ class ContactStep:
             others=others,
         )
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
-        self.search = search = make_search(state, x_n, x_trial, is_static)
+        self.search = search = make_search(state, *self.begins_from, is_static)
         self.x = search.x_n
         self._unknown = _Unknown(
             dimension(state.nodes.V),

@@ -38,11 +38,18 @@ _SEARCHES = {
 
 
 def make_search(
-    state: PairState | JointState, x_n: Floats, x_trial: Floats, is_static: bool
+    state: PairState | JointState,
+    x_n: Floats,
+    x_trial: Floats,
+    x_points: Floats,
+    is_static: bool,
 ) -> LocalSearch:
     """Local search of a step, see `ContactStep` for the arguments. Collective."""
     kind = "tied" if isinstance(state.pair.enforcement, Tied) else is_static
-    return _SEARCHES[state.pair.method, kind](state, x_n, x_trial)
+    search = _SEARCHES[state.pair.method, kind]
+    if issubclass(search, FrozenPoints):
+        return search(state, x_n, x_trial, x_points)
+    return search(state, x_n, x_trial)
 
 
 def make_normal_contact(

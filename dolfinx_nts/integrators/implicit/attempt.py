@@ -95,9 +95,10 @@ class StepProblem:
 
     Attributes:
         x_n: Positions of the local nodes at the start of the step, shape ``(l, 3)`` [m].
-        x_trial: Trial positions at its end without contact, from which candidate segments of
-            multipliers are searched, shape ``(l, 3)`` [m].
-        x_spring_trial: The same for those of springs, see `Rates`.
+        x_trial: Trial positions at its end without contact, from which candidate segments are
+            searched, shape ``(l, 3)`` [m].
+        x_spring_points: Positions at which points of mortar contact by springs are chosen, see
+            `Rates`, shape ``(l, 3)`` [m].
         intermediate: Positions between ``x_n`` and ``x_trial`` by step fraction, see
             `ContactStep`.
         load: Norm of the loads [N].
@@ -108,16 +109,16 @@ class StepProblem:
 
     x_n: Floats
     x_trial: Floats
-    x_spring_trial: Floats
+    x_spring_points: Floats
     intermediate: Mapping[float, Floats]
     load: float
     force_scale: float
     admitted: Mapping[PairState | JointState, Flags] = field(default_factory=dict)
 
-    def trial(self, state: PairState | JointState) -> Floats:
-        """Trial positions for a contact pair, shape ``(l, 3)`` [m]. Local."""
-        return self.x_trial if state.eps_N is None else self.x_spring_trial
+    def x_points(self, state: PairState | JointState) -> Floats:
+        """Positions at which mortar points of a pair are chosen, shape ``(l, 3)`` [m]. Local."""
+        return self.x_trial if state.eps_N is None else self.x_spring_points
 
     def with_trial(self, x: Floats) -> "StepProblem":
-        """Copy with the same trial positions for all pairs, shape ``(l, 3)`` [m]. Local."""
-        return replace(self, x_trial=x, x_spring_trial=x)
+        """Copy with the same trial positions for all purposes, shape ``(l, 3)`` [m]. Local."""
+        return replace(self, x_trial=x, x_spring_points=x)

@@ -408,7 +408,7 @@ class ImplicitStepper(Stepper):
     def _problem(self, starts: Iterable[Start], load: float) -> StepProblem:
         """Data of the step that begins; ``load`` is the norm of its loads [N]."""
         by_name = {start.name: start for start in starts}
-        trial, of_springs = by_name[self._rates.trial], by_name[self._rates.spring_trial]
+        trial, points = by_name[self._rates.trial], by_name[self._rates.spring_points]
         intermediate = {
             part: self._X + self._in_space(self._motion.displacements(trial.guess, part))
             for part in _release_fractions(() if self._is_static else self.pairs)
@@ -418,7 +418,7 @@ class ImplicitStepper(Stepper):
         return StepProblem(
             self.x,
             self._X + self._in_space(trial.u),
-            self._X + self._in_space(of_springs.u),
+            self._X + self._in_space(points.u),
             intermediate,
             load,
             force_scale,

@@ -194,7 +194,7 @@ class StepSolver:
         x_n = problem.x_n
         states: Sequence[PairState | JointState] = self.sleeping.states
         if not self._is_static:
-            trials = problem.x_trial, problem.x_spring_trial
+            trials = problem.x_trial, problem.x_spring_points
             own = max(_kernels.farthest(x_n, x_trial) for x_trial in trials)
             farthest = reductions.largest(self._bulk.comm, own)
             states = [state for state in states if may_face(state, x_n, farthest)]
@@ -216,7 +216,7 @@ class StepSolver:
         stiffness = contact_stiffness(
             self._tangent.nodal_stiffness(), self._bodies, self.mass, self._rates
         )
-        x_n, x_trial, scheme = problem.x_n, problem.trial(state), self._scheme
+        x_n, x_trial, scheme = problem.x_n, problem.x_trial, self._scheme
         return ContactStep(
             *(state, scheme.contact, x_n, x_trial, stiffness, self.free, self._is_static),
             self._bulk.rigid.nodes,
@@ -225,4 +225,5 @@ class StepSolver:
             begins_sticking,
             float(self._rates.dt.value),
             others,
+            problem.x_points(state),
         )

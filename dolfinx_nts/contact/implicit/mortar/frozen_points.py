@@ -37,8 +37,12 @@ _SETTLED_FRACTION = 0.05
 class FrozenPoints(LocalSearch):
     """Quadrature points of a mortar pair.
 
-    Arguments and attributes as for `LocalSearch`, with mean gaps of nodes and one
-    representative segment of the points of each node.
+    Attributes as for `LocalSearch`, with mean gaps of nodes and one representative segment of the
+    points of each node.
+
+    Args:
+        state, x_n, x_trial: As for `LocalSearch`.
+        x_points: Positions at which the points are chosen, shape ``(l, 3)`` [m].
     """
 
     candidates: MortarCandidates
@@ -59,7 +63,9 @@ class FrozenPoints(LocalSearch):
     # at nodes without force.
     _nearby = 0.01
 
-    def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
+    def __init__(
+        self, state: PairState | JointState, x_n: Floats, x_trial: Floats, x_points: Floats
+    ) -> None:
         super().__init__(state, x_n, x_trial)
         self._V, old = state.nodes.V, state.history
         # Nodes that transmit force or are inside, and fractions of dual functions in the last step.
@@ -72,7 +78,7 @@ class FrozenPoints(LocalSearch):
         self._dual_fraction: Floats = np.ones(len(self._every))
         self._slack = TOUCHES * state.pair.nodes.size
         self._is_resolved, self._is_stiff = is_resolved(state.pair), state.eps_N is None
-        self._choose(self.approach.x)
+        self._choose(self.candidates.scatter.forward(state.search.frame.at_end(x_points)))
 
     @staticmethod
     def _additional_reach(pair: ContactPair) -> float:
