@@ -188,8 +188,8 @@ class StepDerivative:
         histories = dict(start.histories)
         known = zip(self._controls, changes, self.of_friction, strict=True)
         coefficients = [(control, change) for control, change, is_one in known if is_one]
-        trials = (self._trial(start, rate) + given for rate in (0, -1))
-        motion = ContactMotion(start.u, *trials, given, coefficients)
+        trial, points = (self._trial(start, rate) + given for rate in (0, -1))
+        motion = ContactMotion(start.u, trial, points, given, coefficients)
         of_forces = 0.0 if weights is None else np.vdot(weights.bulk, force)
         for contact in step.contacts:
             by_start = contact.force_by(motion, histories)

@@ -25,7 +25,7 @@ from dolfinx_nts.contact.vertices import VertexState
 __all__ = ["make_friction", "make_normal_contact", "make_search"]
 
 # Class of the local search, by the method of the pair and whether there is no inertia.
-_SEARCHES = {
+_SEARCHES: dict[tuple[str, bool | str], type[LocalSearch]] = {
     ("node-to-segment", False): LocalSearch,
     ("node-to-segment", True): StaticSearch,
     ("node-to-segment", "tied"): LocalSearch,
