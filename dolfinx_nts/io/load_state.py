@@ -124,7 +124,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
     if begun and unused and comm.rank == 0:
         _logger.warning(
             "%s: contact of %s begins without history, as no pair of the checkpoint has the same "
-            "surfaces and method: its force begins at zero, and bodies pressed before start to "
+            "surfaces and method: its force begins at zero, and bodies that it loaded start to "
             "move; give it the same surfaces, method and enforcement in both scenes to keep it",
             *(path, ", ".join(begun)),
         )

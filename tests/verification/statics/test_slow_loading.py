@@ -56,8 +56,8 @@ def test_blocks_of_few_cells_between_plates_that_approach_slowly(table_row):
     )
 
 
-@pytest.mark.parametrize(("cell", "degree"), [("quadrilateral", 2), ("triangle", 2)])
-def test_blocks_that_a_slow_load_presses_on_each_other_stay_at_rest(cell, degree):
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_blocks_of_degree_2_that_a_slow_load_presses_on_each_other_do_not_vibrate(cell):
     # Steps are far longer than the periods of the cells, whose velocities alternate. Predictions
     # with these velocities would find contact points several cells away.
     pressure, until, below, above = 0.3 * E, 1.0, 6, 8
@@ -68,7 +68,7 @@ def test_blocks_that_a_slow_load_presses_on_each_other_stay_at_rest(cell, degree
             meshing.add_rectangle(model, name, corner=corner, size=size, cells=cells, cell=cell)
 
     mesh, cells, _, tag = nts.read_mesh(build, MPI.COMM_SELF)
-    V = fem.functionspace(mesh, ("Lagrange", degree, (2,)))
+    V = fem.functionspace(mesh, ("Lagrange", 2, (2,)))
     material = nts.NeoHookean(E, 0.0, DENSITY)
     lower, upper = (nts.Body(V, cells, tag[name], material) for name in ("below", "above"))
     W, _ = V.sub(0).collapse()
