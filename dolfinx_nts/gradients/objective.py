@@ -90,11 +90,12 @@ class _Number(Term):
         terminals = extract_type(expression, Terminal)
         others = [each for each in terminals if not isinstance(each, _EVALUATED)]
         if expression.ufl_shape or others:
-            shape = f"shape {expression.ufl_shape}"
+            kinds = sorted({kind_of(each) for each in others})
             raise ValueError(
                 "expected an objective without integral to be a scalar of forces and Constants, "
-                f"given {expression} with {others[0] if others else shape}: integrate fields, as "
-                "in field * ufl.dx"
+                f"given one of shape {expression.ufl_shape}"
+                f"{' with ' * bool(kinds)}{' and '.join(kinds)}: integrate fields, as in "
+                "field * ufl.dx"
             )
         self._expression = expression
         self._constants = [each for each in terminals if isinstance(each, fem.Constant)]

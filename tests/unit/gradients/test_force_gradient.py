@@ -229,9 +229,9 @@ def test_wrong_forces_are_refused(comm, refused):
     far = nts.Surface.where(V, lambda X: np.isclose(X[2], 0.0))
     with refused(ValueError, "surfaces or bodies with contact in the stepper"):
         gradient(curved, far)
-    with refused(ValueError, "a scalar of forces and Constants"):
+    with refused(ValueError, r"a scalar of forces and Constants, given one of shape \(3,\):"):
         gradient(lambda t, force: force, moved).value()
-    with refused(ValueError, "a scalar of forces and Constants"):
+    with refused(ValueError, r"a scalar of forces and Constants, .* shape \(\) with Function"):
         gradient(lambda t, force: force[0] * stepper.u[0], moved).value()
     with refused(TypeError, "expected a form, a scalar of the forces or None"):
         gradient(lambda t, force: float(force.value[0]), moved).value()
