@@ -19,7 +19,7 @@ from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["FORMAT", "CheckpointFile", "Kind", "digest"]
 
-FORMAT = "dolfinx_nts checkpoint 3"
+FORMAT = "dolfinx_nts checkpoint 4"
 # Largest block that a rank reads in one piece to verify checksums [bytes].
 _MOST = 2**22
 

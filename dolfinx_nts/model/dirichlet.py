@@ -142,7 +142,9 @@ class Supports:
         if reductions.anywhere(self._comm, bool(text)):
             raise ValueError(max(self._comm.allgather(text)))
 
-    def reactions(self, force: Floats, x: Floats, du: Floats) -> tuple[Reaction, ...]:
+    def reactions(
+        self, force: Floats, x: Floats, du: Floats, mean: Floats | None = None
+    ) -> tuple[Reaction, ...]:
         """Sum the forces of a step for each condition.
 
         A dof with several conditions counts for the first of them.
@@ -151,6 +153,7 @@ class Supports:
             force: Forces of the supports on the fixed dofs, shape ``(f,)`` [N].
             x: Positions of the local nodes at which they act, shape ``(l, 3)`` [m].
             du: Displacements of the fixed dofs in the step, shape ``(f,)`` [m].
+            mean: Forces that do the work, shape ``(f,)`` [N]; None for ``force``.
 
         Returns:
             The reactions of the conditions in ``bcs``, in their order.
@@ -160,7 +163,8 @@ class Supports:
         vectors[np.arange(len(force)), self.fixed % d] = force
         turning = moments(np.cross(x[self.fixed // d], vectors), V)
         resultant = resultants(vectors, V)
-        parts = np.column_stack([resultant, turning, force * du])
+        work = (force if mean is None else mean) * du
+        parts = np.column_stack([resultant, turning, work])
         sums = np.zeros((len(self.conditions), parts.shape[1]))
         np.add.at(sums, self._number, parts)
         return total_reactions(self._comm, sums[: len(self)], resultant.shape[1])

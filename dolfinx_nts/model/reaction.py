@@ -16,7 +16,7 @@ class Reaction(NamedTuple):
 
     The force is the one in the balance of momentum of the scheme: loads, contact forces and
     reactions add up to the rate of momentum. Its product with the displacement increment is the
-    work.
+    work; in statics the mean of the forces at both ends of the step does the work.
 
     Attributes:
         force: Resultant on the bodies (x, y, z), in the plane (x, y), axisymmetric (y,) [N].

@@ -11,7 +11,7 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution, Pair
 from dolfinx_nts.contact.joint_state import members
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["contact_history", "contact_work"]
+__all__ = ["contact_history", "contact_work", "obstacle_work"]
 
 
 def contact_history(step: ContactStep, last: ContactContribution) -> ContactHistory:
@@ -83,21 +83,34 @@ def _reactions(step: ContactStep, last: ContactContribution, body: Ints) -> tupl
     return partner, reaction
 
 
-def contact_work(step: ContactStep, last: ContactContribution, new: ContactHistory) -> ContactWork:
+def obstacle_work(step: ContactStep, force: Floats) -> float:
+    """Work of a moving obstacle in a step, on this rank [J]. Local.
+
+    Args:
+        step: The attempt that is accepted.
+        force: Forces on the nodes, shape ``(n, 3)`` [N].
+    """
+    frame, nodes = step.state.search.frame, step.state.nodes.nodes
+    if not frame.moves:
+        return 0.0
+    carried = frame.carried(*(x.take(nodes, axis=0) for x in (step.search.x_n, step.x)))
+    return float(np.vdot(force, carried))
+
+
+def contact_work(
+    step: ContactStep, last: ContactContribution, new: ContactHistory, mean: Floats
+) -> ContactWork:
     """Work of the contact of a step on the bodies, by cause. Collective.
 
     Args:
         step: The attempt that is accepted, before its pairs accept their histories.
         last: Its last evaluation.
         new: History by `contact_history`.
+        mean: Forces on the nodes that do the work of an obstacle, shape ``(n, 3)`` [N].
     """
     old, pairs = step.state.history, last.pairs
     frame, ends = step.state.search.frame, (step.search.x_n, step.x)
     dx = frame.relative(*(x.take(pairs.dofs, axis=0) for x in ends))
-    of_obstacle = 0.0
-    if frame.moves:
-        carried = frame.carried(*(x.take(step.state.nodes.nodes, axis=0) for x in ends))
-        of_obstacle = float(np.vdot(new.force, carried))
     work = _scheme_work(step, pairs, dx.reshape(pairs.contact.force.shape))
     # Pairs that were active on the same segment, inactive, and active on another segment.
     same = step.search.pairing.is_same(pairs)
@@ -112,7 +125,7 @@ def contact_work(step: ContactStep, last: ContactContribution, new: ContactHisto
             moves - lost,
             old.energy.sum() - new.energy.sum(),
             -new.dissipation.sum(),
-            of_obstacle,
+            obstacle_work(step, mean),
         ]
     )
     return ContactWork(*reductions.total(step.state.nodes.V.mesh.comm, parts).tolist())

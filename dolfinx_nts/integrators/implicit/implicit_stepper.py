@@ -29,7 +29,11 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.checks.short_contacts import ShortContacts
 from dolfinx_nts.contact.checks.stiff_nodes import warn_of_stiff_nodes
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
+from dolfinx_nts.contact.implicit.accepted_contact import (
+    contact_history,
+    contact_work,
+    obstacle_work,
+)
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.normal.interface import eligible_or_excluded
@@ -63,6 +67,7 @@ from dolfinx_nts.integrators.rigid import (
     rigid_motion,
 )
 from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.statics.mean_forces import MeanForces
 from dolfinx_nts.integrators.statics.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS, StepFailure
 from dolfinx_nts.integrators.stepper import Stepper
@@ -181,6 +186,9 @@ class ImplicitStepper(Stepper):
         self._reactions = Reactions(
             self._bulk,
             self.bodies,
+            MeanForces(
+                self.node_ids, self._bulk.rigid.dim, 1 + len(self.loads), is_static=self._is_static
+            ),
             at_mean=self.scheme.loads_at == "mean",
             is_static=self._is_static,
         )
@@ -257,6 +265,7 @@ class ImplicitStepper(Stepper):
         """Serialize the state, including the rates and the linear solver."""
         super().serialize(archive)
         self._forces.serialize(archive)
+        self._reactions.means.serialize(archive)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
         if archive.restores:
@@ -272,6 +281,7 @@ class ImplicitStepper(Stepper):
     ) -> None:
         """Copy the state of another scene, and its rates if the scheme is the same."""
         super().copy_state(archive, contacts, same_scheme=same_scheme, same_bodies=same_bodies)
+        self._reactions.means.forget()
         if same_scheme:
             self._rates.serialize(archive, self.node_ids)
 
@@ -539,16 +549,23 @@ class ImplicitStepper(Stepper):
             self._observer(steps, solution.end.states)
         n = len(self._lumped_mass)
         works = {}
+        # Work of the end forces of a static step minus that of the mean forces.
+        excess = 0.0
         for step, pairs in zip(steps, solution.end.states, strict=True):
             history = contact_history(step, pairs)
-            works[step.state] = contact_work(step, pairs, history)
+            mean = self._reactions.means.of_contact(step.state.history.force, history.force)
+            works[step.state] = contact_work(step, pairs, history, mean)
+            excess += obstacle_work(step, history.force - mean)
             if self._released_springs is not None:
                 self._released_springs.collect(step, pairs)
             step.state.accept(history)
         self.watch.springs.check()
         self._step_solver.relief.warn(steps)
         x, v, du = self.x, self.v.x.array[:n], (self._u - self._u_n)[:n]
-        reactions, constraints = self._reactions.of(steps, solution, x, self._motion.owned(du))
+        forces = [self._reactions.forces(steps, solution), *self._bulk.loads()]
+        means = self._reactions.means.of(forces)
+        excess += sum(float((end - mean) @ du) for end, mean in zip(forces, means, strict=True))
+        reactions, constraints = self._reactions.of(forces[0], means[0], x, self._motion.owned(du))
         self.memory.accept()
         v_n = v.copy()
         update = self._inertia.accept(steps)
@@ -565,7 +582,8 @@ class ImplicitStepper(Stepper):
             self._forces,
             steps,
             solution,
-            defect=update.defect + constraints,
+            defect=update.defect + constraints + excess,
+            loads=means[1:],
             du=du,
             v_n=v_n,
             v=v,

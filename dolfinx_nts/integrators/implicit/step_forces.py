@@ -12,6 +12,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_forces
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.implicit.inertia import Inertia
+from dolfinx_nts.integrators.statics.mean_forces import MeanForces
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.model.rigid_body import guided
@@ -117,6 +118,7 @@ class StepWorks(NamedTuple):
         solution: newton.Solution,
         *,
         defect: float,
+        loads: Sequence[Floats],
         du: Floats,
         v_n: Floats,
         v: Floats,
@@ -131,6 +133,7 @@ class StepWorks(NamedTuple):
             steps: Contact of the step.
             solution: Solution of Newton's method.
             defect: Change of kinetic energy minus the work of all forces on this rank [J].
+            loads: Each load that does work, on the owned dofs, ``(d n,)`` [N].
             du: Displacement increments of the owned dofs, ``(d n,)`` [m].
             v_n: Velocities of the owned dofs before the step, ``(d n,)`` [m/s].
             v: Velocities of the owned dofs after the step, ``(d n,)`` [m/s].
@@ -145,12 +148,12 @@ class StepWorks(NamedTuple):
             forces.kinetic_energy(v_n),
             forces.kinetic_energy(v),
             float(sum(len(step.candidates.size) for step in steps)),
-            *(float(force @ du) for force in bulk.loads()),
+            *(float(load @ du) for load in loads),
         ]
         total = reductions.total(bulk.comm, of_this_rank)
-        damping, solver, gained, open_gaps, before, after, segments, *loads = total
+        damping, solver, gained, open_gaps, before, after, segments, *works = total
         kinetic = before, after
-        return cls(damping, solver, gained, open_gaps, kinetic, tuple(loads), int(segments))
+        return cls(damping, solver, gained, open_gaps, kinetic, tuple(works), int(segments))
 
 
 class Reactions:
@@ -159,27 +162,53 @@ class Reactions:
     Args:
         bulk: Residual of the bodies, with supports and rigid motions.
         bodies: All bodies.
+        means: Forces that do the work of a step.
         at_mean: Whether forces act in the middle of a step rather than at its end.
         is_static: Whether bodies have no inertia.
+
+    Attributes:
+        means: As given.
     """
 
     def __init__(
-        self, bulk: Bulk, bodies: Sequence[Body], *, at_mean: bool, is_static: bool
+        self,
+        bulk: Bulk,
+        bodies: Sequence[Body],
+        means: MeanForces,
+        *,
+        at_mean: bool,
+        is_static: bool,
     ) -> None:
-        self._bulk, self._at_mean = bulk, at_mean
+        self._bulk, self._at_mean, self.means = bulk, at_mean, means
         rigid = bulk.rigid
         # Constraint forces of rigid bodies in the middle of the step do no work.
         self._constraints_work = rigid.exists and not is_static and rigid.part != 0.5
         self._exist = bulk.supports.exist or bool(guided(bodies)) or self._constraints_work
 
-    def of(
-        self, steps: Sequence[ContactStep], solution: newton.Solution, x: Floats, du: Floats
-    ) -> tuple[tuple[Reaction, ...], float]:
-        """Reactions of supports, then of guides. Collective.
+    def forces(self, steps: Sequence[ContactStep], solution: newton.Solution) -> Floats:
+        """Forces of supports and of rigid bodies on the owned dofs, ``(d n,)`` [N].
 
         Args:
             steps: Contact of the step.
             solution: Solution of Newton's method.
+        """
+        supports, rigid = self._bulk.supports, self._bulk.rigid
+        forces = np.zeros((self._bulk.num_owned // rigid.dim, rigid.dim))
+        if self._exist:
+            contact = contact_forces(steps, solution.end.states, forces.shape)
+            unbalanced = solution.end.forces.reshape(forces.shape) + contact
+            forces[rigid.nodes] = unbalanced[rigid.nodes]
+            forces.ravel()[supports.fixed] = unbalanced.ravel()[supports.fixed]
+        return forces.ravel()
+
+    def of(
+        self, force: Floats, mean: Floats, x: Floats, du: Floats
+    ) -> tuple[tuple[Reaction, ...], float]:
+        """Reactions of supports, then of guides. Collective.
+
+        Args:
+            force: `forces` of the step, ``(d n,)`` [N].
+            mean: Those that do its work, ``(d n,)`` [N].
             x: Positions of the local nodes at the end of the step, shape ``(l, 3)`` [m].
             du: Displacement increments of the owned nodes, shape ``(n, d)`` [m].
 
@@ -190,15 +219,14 @@ class Reactions:
             return (), 0.0
         supports, rigid = self._bulk.supports, self._bulk.rigid
         fixed, (n, d) = supports.fixed, du.shape
-        force = solution.end.forces + contact_forces(steps, solution.end.states, (n, d)).ravel()
         if self._at_mean:
             x = x.copy()
             x[:n] -= in_space(du) / 2
-        of_supports = supports.reactions(force[fixed], x, du.ravel()[fixed])
-        force, work = force.reshape(n, d), 0.0
+        of_supports = supports.reactions(force[fixed], x, du.ravel()[fixed], mean[fixed])
+        (force, mean), work = (each.reshape(n, d) for each in (force, mean)), 0.0
         if self._constraints_work:
             u = self._bulk.u.x.array[: n * d].reshape(n, d)
             prescribed, nodes = rigid.prescribed_displacement(u), rigid.nodes
             work = float(np.vdot(force[nodes], (du - prescribed)[nodes]))
             du = prescribed
-        return of_supports + rigid.guides.reactions(force, x, du), work
+        return of_supports + rigid.guides.reactions(force, x, du, mean), work

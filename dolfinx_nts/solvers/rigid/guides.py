@@ -91,13 +91,14 @@ class Guides:
             part[body.nodes] = body.values @ combined(amplitudes, motions)
         return part
 
-    def reactions(self, force: Floats, x: Floats, du: Floats) -> tuple[Reaction, ...]:
+    def reactions(self, force: Floats, x: Floats, du: Floats, mean: Floats) -> tuple[Reaction, ...]:
         """Forces of the guides in a step, see `Supports.reactions`. Collective.
 
         Args:
             force: Unbalanced nodal forces, shape ``(n, d)`` [N].
             x: Positions of the local nodes at which the forces act, shape ``(l, 3)`` [m].
             du: Displacements of the owned nodes in the step, shape ``(n, d)`` [m].
+            mean: Forces that do the work, shape ``(n, d)`` [N].
 
         Returns:
             The reaction of each guide, in the order of the bodies.
@@ -108,6 +109,6 @@ class Guides:
         V, vectors = self._bodies[0].body.V, in_space(force)
         turning = moments(np.asarray(np.cross(x[: len(du)], vectors), dtype=np.float64), V)
         resultant = resultants(vectors, V)
-        parts = np.column_stack([resultant, turning, (force * du).sum(axis=1)])
+        parts = np.column_stack([resultant, turning, (mean * du).sum(axis=1)])
         sums = np.array([parts[nodes].sum(axis=0) for nodes in guided])
         return total_reactions(self._comm, sums, resultant.shape[1])

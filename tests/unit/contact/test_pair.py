@@ -118,7 +118,8 @@ def test_evaluation_leaves_the_history_untouched(comm, agree):
     for iteration in range(3):
         state = step.evaluate(x, None, iteration)
         step.normal.lambda_N[state.pairs.node] -= 1.0
-    contact_work(step, state, contact_history(step, state))
+    history = contact_history(step, state)
+    contact_work(step, state, history, history.force)
     assert agree(same(pair.history, before))
     assert comm.allreduce(np.count_nonzero(pair.history.active)) > 0
 
