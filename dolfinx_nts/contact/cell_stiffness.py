@@ -17,6 +17,7 @@ from dolfinx_nts.model.layers import layers, walls
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["SOFT", "Layers"]
@@ -60,6 +61,8 @@ class Layers:
         segment_nodes, of_segments: Owned nodes of the segments, ``(k,)``, and their values,
             ``(k, 4)``.
         varies: Whether the values of the segments differ.
+        least_height: Least height of the layer of each node behind a facet, relative to the mean of
+            all its facets, ``(m,)`` [-]; 1 on surfaces without edges.
     """
 
     area: Floats
@@ -68,6 +71,7 @@ class Layers:
     segment_nodes: Ints
     of_segments: Floats
     varies: bool
+    least_height: Floats
     # Values at the nodes of a map, kept while the candidates have this map.
     _there: tuple[NodalScatter, Floats] | None = field(default=None, init=False, repr=False)
 
@@ -108,16 +112,20 @@ class Layers:
         if not isinstance(segments, Surface):
             least[3] = min(_THICK * segments.extent, float(limits[0].max(initial=0.0)))
         varies = bool(np.any(extremes[1] > (1 + _EQUAL) * least) and least[0] > 0)
-        return cls(area, own, np.tile(least, (len(area), 1)), others, there, varies)
+        facets = NodalFacets.of(nodes)
+        least_height = facets.least_height if facets.has_edges else np.ones(len(area))
+        rows = np.tile(least, (len(area), 1))
+        return cls(area, own, rows, others, there, varies, least_height)
 
     @classmethod
     def joint(cls, parts: Sequence["Layers"]) -> "Layers":
         """Layers of several pairs, node by node. Local."""
-        names = ("area", "own", "least", "segment_nodes", "of_segments")
-        area, own, least, nodes, values = (
+        names = ("area", "own", "least", "segment_nodes", "of_segments", "least_height")
+        area, own, least, nodes, values, least_height = (
             np.concatenate([getattr(part, name) for part in parts]) for name in names
         )
-        return cls(area, own, least, nodes, values, any(part.varies for part in parts))
+        varies = any(part.varies for part in parts)
+        return cls(area, own, least, nodes, values, varies, least_height)
 
     @classmethod
     def serialized(
@@ -132,16 +140,16 @@ class Layers:
             others = segments.nodes
         if layers is None:
             values = np.zeros(m), np.zeros((m, 4)), np.zeros((m, 4))
-            layers = cls(*values, others, np.zeros((len(others), 4)), False)
-        area, own, least = (
+            layers = cls(*values, others, np.zeros((len(others), 4)), False, np.ones(m))
+        area, own, least, least_height = (
             archive.nodal(f"{name}_{key}", pair.nodes.node_ids, getattr(layers, key))
-            for key in ("area", "own", "least")
+            for key in ("area", "own", "least", "least_height")
         )
         there = layers.of_segments
         if isinstance(segments, Surface):
             there = archive.nodal(f"{name}_segments", segments.node_ids, there)
         varies = bool(archive.same(f"{name}_vary", layers.varies))
-        return cls(area, own, least, others, there, varies)
+        return cls(area, own, least, others, there, varies, least_height)
 
     @property
     def deforms(self) -> Flags:
@@ -150,12 +158,12 @@ class Layers:
         return flags
 
     def stiffness(self, *, in_series: bool = False) -> Floats:
-        """Largest stiffness, where the stiffest segment is faced, ``(m,)`` [N/m]. Local.
+        """Largest stiffness, of the least layers of both sides, ``(m,)`` [N/m]. Local.
 
         It is that of the softer layer, or of both layers in series; infinite where nothing deforms.
         """
         with np.errstate(divide="ignore"):
-            stiffness: Floats = self.area / self._compression(self.least, in_series)
+            stiffness: Floats = self.area / self._least_compression(in_series)
         return stiffness
 
     def of_candidates(self, candidates: Candidates) -> Floats | None:
@@ -172,18 +180,23 @@ class Layers:
         means: Floats = self._there[1][candidates.segments].mean(axis=1)[:, :4]
         return means
 
-    def stiffness_fraction(self, faced: Floats | None, *, in_series: bool = False) -> Floats:
-        """Stiffness with the segments that nodes face, divided by `stiffness`, ``(m,)`` [-]. Local.
+    def stiffness_fraction(
+        self, faced: Floats | None, height: Floats | None, *, in_series: bool = False
+    ) -> Floats:
+        """Stiffness with the layers that are pressed, divided by `stiffness`, ``(m,)`` [-]. Local.
 
         Args:
-            faced: Values of these segments, shape ``(m, 4)``, not finite without a segment; None if
-                all segments are equal.
+            faced: Values of the segments that nodes face, shape ``(m, 4)``, not finite without a
+                segment; None if all segments are equal.
+            height: Height of the own layer where it is pressed, relative to the mean at the node,
+                ``(m,)`` [-]; None for 1. It differs from 1 at edges of cells that are not as high
+                as wide.
             in_series: See `stiffness`.
         """
-        if faced is None:
+        if faced is None and height is None and self.least_height.min(initial=1.0) == 1.0:
             return np.ones(len(self.area))
-        most = self._compression(self.least, in_series)
-        actual = self._compression(self._values(faced), in_series)
+        most = self._least_compression(in_series)
+        actual = _compression(self._pressed(height), self._values(faced), in_series)
         return np.divide(most, actual, out=np.ones_like(most), where=actual > 0)
 
     def soft_pressure(self, faced: Floats | None) -> Floats:
@@ -203,10 +216,15 @@ class Layers:
         pressure: Floats = np.full_like(slowness, np.inf)
         return np.divide(_BEYOND_WAVES, slowness, out=pressure, where=self.deforms)
 
-    def depth_per_speed(self, faced: Floats | None) -> Floats:
-        """Compression of springs in implicit steps by `soft_pressure`, ``(m,)`` [s]. Local."""
+    def depth_per_speed(self, faced: Floats | None, height: Floats | None) -> Floats:
+        """Compression of springs in implicit steps by `soft_pressure`, ``(m,)`` [s]. Local.
+
+        Arguments as for `stiffness_fraction`.
+        """
         depth: Floats = np.full(len(self.area), np.inf)
-        compression = SOFT * self._compression(self._values(faced), in_series=False)
+        compression = SOFT * _compression(
+            self._pressed(height), self._values(faced), in_series=False
+        )
         return np.multiply(self.soft_pressure(faced), compression, out=depth, where=self.deforms)
 
     def _values(self, faced: Floats | None) -> Floats:
@@ -215,10 +233,24 @@ class Layers:
             return self.least
         return np.where(np.isfinite(faced), np.fmax(faced, self.least), self.least)
 
-    def _compression(self, other: Floats, in_series: bool) -> Floats:
-        join = np.add if in_series else np.maximum
-        compression: Floats = join(_limited(self.own, other), _limited(other, self.own))
-        return compression
+    def _least_compression(self, in_series: bool) -> Floats:
+        """Least compression per pressure, for `stiffness`, ``(m,)`` [m/Pa]."""
+        return _compression(self._pressed(self.least_height), self.least, in_series)
+
+    def _pressed(self, height: Floats | None) -> Floats:
+        """Values of the own layers with relative heights, see `stiffness_fraction`, ``(m, 4)``."""
+        if height is None:
+            return self.own
+        own = self.own.copy()
+        own[:, 0] *= height
+        return own
+
+
+def _compression(own: Floats, other: Floats, in_series: bool) -> Floats:
+    """Compression per pressure of two layers: of the softer one, or of both in series, ``(m,)``."""
+    join = np.add if in_series else np.maximum
+    compression: Floats = join(_limited(own, other), _limited(other, own))
+    return compression
 
 
 def _limited(layer: Floats, body: Floats) -> Floats:

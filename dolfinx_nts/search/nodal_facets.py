@@ -66,6 +66,8 @@ class NodalFacets:
 
     Attributes:
         around: The facets.
+        least_height: Least height of the cells behind the facets of each node, relative to their
+            mean, shape ``(n,)`` [-].
     """
 
     def __init__(self, surface: Surface) -> None:
@@ -87,8 +89,15 @@ class NodalFacets:
         self._normals: Floats = _kernels.unit_vectors(vectors)
         if is_axisymmetric(surface.V.mesh):
             size *= at_rest[:, :, 0].mean(axis=1)
-        of_node = np.bincount(node[order], size[facet], len(surface.nodes))
-        self._fractions: Floats = size[facet] / of_node[node[order]]
+        at: Ints = node[order]
+        of_node = np.bincount(at, size[facet], len(surface.nodes))
+        self._fractions: Floats = size[facet] / of_node[at]
+        # Heights of the cells behind the facets, relative to the mean at the node [-].
+        height = near.of_segments[3][facet]
+        mean = np.bincount(at, self._fractions * height, len(surface.nodes))
+        self._heights: Floats = height / mean[at]
+        self.least_height: Floats = np.ones(len(mean))
+        np.minimum.at(self.least_height, at, self._heights)
         facets = near.segments, near.orientation, counts.astype(np.int32), facet, corner
         self._take(AroundNodes(near.scatter, surface.nodes, *facets, angle))
 
@@ -171,21 +180,28 @@ class NodalFacets:
         )
         return np.where((fractions == 0) & (presses | ~knows), 1.0, fractions)
 
-    def pressed_fractions(self, x: Floats, normal: Floats) -> Floats:
-        """Fractions of the nodal areas on which contact may press, shape ``(n,)`` [-]. Collective.
+    def pressed_layers(self, x: Floats, normal: Floats) -> tuple[Floats, Floats]:
+        """Fractions of the nodal areas on which contact may press, and heights there. Collective.
 
         Unlike those of `facing_fractions` they are continuous in the normal: the weight of a facet
         decreases from 1 at 60 degrees to 0 at 90 degrees.
 
         Args:
             x: See `facing_fractions`.
-            normal: Unit contact normals of the nodes, or 0, ``(n, 3)``. The fraction is 1 for 0, or
-                if all facets have the weight 0.
+            normal: Unit contact normals of the nodes, or 0, ``(n, 3)``.
+
+        Returns:
+            The fractions, and the mean heights of the cells behind these areas relative to those
+            behind all facets of the node, each of shape ``(n,)`` [-]; 1 for a normal 0, or if all
+            facets have the weight 0.
         """
-        weight = np.clip(self._opposed(x, normal) / _OPPOSED, 0.0, 1.0)
+        weight = np.clip(self._opposed(x, normal) / _OPPOSED, 0.0, 1.0) * self._fractions
         node = np.repeat(self._numbers, self.around.counts)
-        fractions = np.bincount(node, self._fractions * weight, len(normal))
-        return np.where(fractions == 0, 1.0, fractions)
+        fractions = np.bincount(node, weight, len(normal)).astype(np.float64)
+        moments = np.bincount(node, weight * self._heights, len(normal))
+        presses, heights = fractions > 0, np.ones(len(normal))
+        np.divide(moments, fractions, out=heights, where=presses)
+        return np.where(presses, fractions, 1.0), heights
 
     def _opposed(self, x: Floats, normal: Floats) -> Floats:
         """Cosine between the contact normal of a node and inward facet normals, ``(e,)`` [-]."""

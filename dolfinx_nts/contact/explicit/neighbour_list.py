@@ -105,8 +105,9 @@ class NeighbourList:
         self.stiffest: Floats | None = None
         # Nodes of the rows in the last state, and their gaps [m].
         self._last: tuple[Ints, Floats] = np.empty(0, dtype=np.int32), np.empty(0)
-        # Values of the candidates, see `Layers`.
+        # Values of the candidates, and relative heights where nodes are pressed, see `Layers`.
         self._of_segments: Floats | None = None
+        self._heights: Floats | None = None
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices at the last search.
         self._positions: tuple[Floats, Floats]
@@ -254,12 +255,12 @@ class NeighbourList:
         if self._of_segments is not None and self._of_cells is not None:
             faced = np.full((len(fraction), self._of_segments.shape[1]), np.inf)
             np.minimum.at(faced, self.number[row], self._of_segments[segment[row]])
-            of_layers = layers.stiffness_fraction(faced, in_series=True)
+            of_layers = layers.stiffness_fraction(faced, self._heights, in_series=True)
             fraction[node] = (self.area_fraction * of_layers)[node]
         if self.stiffest is not None:
             # Springs that are loaded by a displacement set by the user had no impact: NaN.
             arriving = np.maximum(speed[row[first]], 0.0)
-            force = (layers.soft_pressure(faced) * layers.area * fraction)[node]
+            force = (layers.soft_pressure(faced) * layers.area * self.area_fraction)[node]
             soft = self._stiffness(node, fraction)
             depth[node] = np.divide(
                 force * arriving,
@@ -376,9 +377,12 @@ class NeighbourList:
             node, segment = near[segment >= 0], segment[segment >= 0]
             normal = np.zeros((len(current), 3))
             normal[node] = contact_normals(candidates, points.take(node), x, segment)
-            arriving = state.facets.pressed_fractions(x_in_space, normal)
-            self.stiffness_fraction = np.where(pressed, self.stiffness_fraction, arriving)
+            arriving, self._heights = state.facets.pressed_layers(x_in_space, normal)
             self.area_fraction = np.where(pressed, self.area_fraction, arriving)
+            if self._layers is not None:
+                of_layers = self._layers.stiffness_fraction(None, self._heights, in_series=True)
+                arriving = arriving * of_layers
+            self.stiffness_fraction = np.where(pressed, self.stiffness_fraction, arriving)
         self._choose(candidates, points, near, current, keys)
         self._set_pressing(pressed)
         self.is_idle = not reductions.total(self._comm, len(near))

@@ -269,21 +269,25 @@ class LocalSearch:
         return np.ones(len(self.segment))
 
     @cached_property
-    def pressed_fractions(self) -> Floats:
-        """Fractions of the nodal areas on which the segments may press, ``(n,)``.
+    def pressed_layers(self) -> tuple[Floats, Floats] | None:
+        """Fractions of the nodal areas on which the segments may press, and heights behind them.
 
-        Collective at the first use.
-
-        They differ from 1 at edges: of a block that lies on a plane, the lateral facets do not
-        touch.
+        Collective at the first use. See `NodalFacets.pressed_layers`; None without edges, where all
+        are 1. Of a block that lies on a plane, the lateral facets do not touch.
         """
-        fractions = list[Floats]()
         if not any(state.facets.has_edges for state in self._members):
-            return np.ones(len(self.approach.segment))
-        normal = self._facing_normals()
+            return None
+        normal, layers = self._facing_normals(), []
         for state, (first, last) in zip(self._members, pairwise(self._ends), strict=True):
-            fractions.append(state.facets.pressed_fractions(self._x_in_space, normal[first:last]))
-        return np.concatenate(fractions)
+            layers.append(state.facets.pressed_layers(self._x_in_space, normal[first:last]))
+        fractions, heights = zip(*layers, strict=True)
+        return np.concatenate(fractions), np.concatenate(heights)
+
+    @property
+    def pressed_fractions(self) -> Floats:
+        """Fractions of the nodal areas on which the segments may press, ``(n,)`` [-]."""
+        layers = self.pressed_layers
+        return np.ones(len(self.approach.segment)) if layers is None else layers[0]
 
     def _facing_normals(self) -> Floats:
         """Unit normals of contact at the nodes at t_n, 0 without a segment, ``(n, 3)``. Local."""

@@ -66,10 +66,11 @@ class PenaltyContact(NormalContact):
         if layers is not None and not is_static and not state.pair.is_convective:
             of_segments = layers.of_candidates(search.candidates)
             faced = None if of_segments is None else search.least_faced(of_segments)
-            self.soft_depth = self._soft_depth(layers.depth_per_speed(faced), dt)
-            self.stiffness_fraction = self._stiffness_fraction(
-                layers.deforms, layers.stiffness_fraction(faced)
-            )
+            fraction, height = self._pressed_layers(layers.deforms)
+            self.soft_depth = self._soft_depth(layers.depth_per_speed(faced, height), dt)
+            arriving = fraction * layers.stiffness_fraction(faced, height)
+            # Constant while a spring is loaded.
+            self.stiffness_fraction = np.where(self._is_loaded, state.history.part, arriving)
             self._eps_N = self.stiffness_fraction * state.eps_N
         self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
         # In statics, linearly extrapolated gaps and forces.
@@ -248,18 +249,17 @@ class PenaltyContact(NormalContact):
         self._depth_by_approach = np.where(deforms & (speed > 0), depth_per_speed / dt, 0.0)
         return depth
 
-    def _stiffness_fraction(self, deforms: Flags, of_layers: Floats) -> Floats:
-        """Fraction of the stiffness of each spring that acts, ``(n,)`` [-]. Collective.
+    def _pressed_layers(self, deforms: Flags) -> tuple[Floats | float, Floats | None]:
+        """Fractions of the nodal areas that are pressed, and relative heights there. Collective.
 
-        It is constant while the spring is loaded. The fraction due to area is 1 with edge contact
-        and between bodies that do not deform (flags ``deforms``, ``(n,)``), whose stiffness is not
-        per area. ``of_layers`` is the fraction due to the segments faced, see
-        `Layers.stiffness_fraction`.
+        They are 1 with edge contact and between bodies that do not deform (flags ``deforms``,
+        ``(n,)``), whose stiffness is not per area. See `LocalSearch.pressed_layers`.
         """
-        arriving = of_layers
-        if self._state.pair.method != EDGES:
-            arriving = arriving * np.where(deforms, self._search.pressed_fractions, 1.0)
-        return np.where(self._is_loaded, self._state.history.part, arriving)
+        layers = None if self._state.pair.method == EDGES else self._search.pressed_layers
+        if layers is None:
+            return 1.0, None
+        fractions, heights = (np.where(deforms, each, 1.0) for each in layers)
+        return fractions, heights
 
     @property
     def _is_loaded(self) -> Flags:

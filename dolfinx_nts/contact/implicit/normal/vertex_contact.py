@@ -240,9 +240,9 @@ class VertexSprings(_Vertices, PenaltyContact):
         self._begin_at: Floats = np.zeros(len(self._tolerance))
         super().__init__(state, is_static, search, share, dt)
 
-    def _stiffness_fraction(self, deforms: Flags, of_layers: Floats) -> Floats:
+    def _pressed_layers(self, deforms: Flags) -> tuple[Floats | float, Floats | None]:
         # The whole area acts at a vertex: all facets around it are behind it.
-        return np.where(self._is_loaded, self._state.history.part, of_layers)
+        return 1.0, None
 
     def _stay(self, node: Ints) -> Flags:
         return np.ones(len(node), dtype=bool)
