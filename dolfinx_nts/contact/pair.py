@@ -262,7 +262,7 @@ class ContactPair(Declaration):
         return None if len(own) == len(nodes) else np.searchsorted(own, nodes).astype(np.int32)
 
     def _at_nodes(self, state: AcceptedContact, values: Floats, otherwise: float) -> Floats:
-        """Values of a state at all nodes, ``(n,)``; ``otherwise`` at nodes that it leaves out."""
+        """Values of a state at all nodes, ``(n,)``; ``otherwise`` at nodes that are not in it."""
         if (place := self._places(state)) is None:
             return values
         of_all = np.full(len(self.nodes.nodes), otherwise)

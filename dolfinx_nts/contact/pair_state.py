@@ -87,7 +87,7 @@ class PairState(Tractions, NodesOfPairs):
         self.passes.join(pair, self._forces_on_segments)
         if isinstance(self.search, GlobalSearch):
             self.search.in_dents = isinstance(pair.enforcement, Penalty)
-        # A separate search for `gap`, which must not change the candidates of steps.
+        # Separate search for the method `gap`, which must not change the candidates of steps.
         self._far_search = _search(pair)
         self._least_depth = self._extended_depth()
         self.set_initial_depth(0.0)
@@ -207,9 +207,10 @@ class PairState(Tractions, NodesOfPairs):
                 moduli, densities, shear = cells()
                 of_cells = Layers.of(pair, moduli, densities)
                 normal = np.where(of_cells.deforms, of_cells.stiffness() / SOFT, normal)
-                # Relative to the cells as stiff as loaded normal springs: no impact arrives along
-                # the surface. Stiffer, by M/G, a sliding block that stops takes 12.5 instead of 8
-                # iterations a step; softer, slip reverses too late in an oblique impact.
+                # Relative to the cells in shear as stiff as loaded normal springs in compression,
+                # as no impact arrives along the surface. Stiffer by M/G: a sliding block that stops
+                # takes 12.5 instead of 8 iterations a step. Softer: slip reverses too late in an
+                # oblique impact.
                 along = STIFFER * self._least(shear) * normal
                 tangential = np.where(of_cells.deforms, np.fmax(along, softer), normal)
                 if _takes_default(pair):

@@ -132,9 +132,9 @@ def _friction(history: ContactHistory) -> Floats:
 
 
 def _on_facets(pair: ContactPair, force: Floats, facing: Floats) -> Floats:
-    """Nodal forces per area; in mortar contact the area of all facets of a node. Collective.
+    """Nodal forces per area, in mortar contact per area of all facets of a node. Collective.
 
-    ``facing`` is the fraction of it that faces the contact, shape ``(n,)`` [-].
+    ``facing`` is the fraction of the area that faces the contact, shape ``(n,)`` [-].
     """
     return pair.nodes.per_area(force, _areas(pair, facing))
 

@@ -39,7 +39,7 @@ __all__ = [
     *("VertexState", "add_vertices", "release_vertices", "released", "vertex_tolerance"),
 ]
 
-# Number larger than all node numbers [-], and no nodes.
+# Number larger than all node numbers [-], and empty array of nodes.
 _NO_NODE, _NONE = 2**31, np.empty(0, dtype=np.int32)
 
 
@@ -285,7 +285,7 @@ def _meet(one: Surface | Obstacle, other: Surface | Obstacle) -> bool:
 
 
 def _ends(nodes: Ints) -> tuple[int, int]:
-    """First and last of sorted node numbers; an empty range without nodes."""
+    """First and last of sorted node numbers; without nodes an empty range."""
     return (int(nodes[0]), int(nodes[-1])) if len(nodes) else (_NO_NODE, -1)
 
 

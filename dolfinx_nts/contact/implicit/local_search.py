@@ -443,7 +443,7 @@ class StaticSearch(LocalSearch):
 
     _overhang = STATIC_OVERHANG
     # Static steps are long: a node that has left the edge between its segments gets only one of
-    # them, with the same tolerance as at the start of a step.
+    # them. The tolerance is the same as at the start of a step.
     _sharing = _kernels.HYSTERESIS
 
 

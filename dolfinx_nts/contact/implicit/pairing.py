@@ -54,7 +54,7 @@ class Pairing(ABC):
 
     @abstractmethod
     def exchanged(self, x: Floats) -> "Pairing":
-        """The same nodes and segments in a step that starts at x instead of x_n."""
+        """Copy with the same nodes and segments for a step that starts at x instead of x_n."""
 
     @abstractmethod
     def slip(self, measure: str, x: Floats, node: Ints, segment: Ints) -> Slip:

@@ -39,9 +39,9 @@ __all__ = [
     "passing_without_contact",
 ]
 
-# Largest depth of an active node below an adjacent segment, or of one without force in the middle
-# of the step, and by how much the former may exceed the depth below the node's own segment,
-# relative to the size of a segment [-].
+# Relative to the size of a segment [-]: largest depth of an active node below an adjacent segment,
+# or of a node without force in the middle of the step; and largest difference between the depths of
+# an active node below an adjacent segment and below its own.
 _DEEP, _DEEPER = 0.1, 0.05
 # Ratio of trial to computed relative motion of node and segment [-] below which a node moves from
 # rest, so that the trial motion does not predict contact. Larger: steps of vibrating bodies are
@@ -204,7 +204,7 @@ def _passing_message(step: ContactStep) -> str:
 
 
 def _message(step: ContactStep, node: Ints, gap: Floats, x: Floats) -> str:
-    """Message naming penetrating nodes without force, and the deepest position, or "". Collective.
+    """Message naming penetrating nodes without force, and the deepest one, or "". Collective.
 
     Args:
         step: Contact of their surface.

@@ -80,7 +80,7 @@ class Friction:
         iteration: int,
         linear: Floats | None = None,
     ) -> int:
-        """Decide on stick and slip, and linearise the traction. Collective.
+        """Decide on stick and slip, and linearise the tractions. Collective.
 
         ``p`` is the normal force, shape ``(m,)`` [N], and ``iteration`` counts the Newton
         iterations of the step from 0; ``linear`` is the normal force of the linear system; None if

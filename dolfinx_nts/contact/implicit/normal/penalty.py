@@ -83,7 +83,7 @@ class PenaltyContact(NormalContact):
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
-        # With convective friction at the midpoint.
+        # Springs with convective friction act at the midpoint of the step.
         node, eps_N = pairs.node, self._eps_N[pairs.node]
         if self._state.pair.is_convective:
             # Eqs. (60)-(64) of Franke, Hesch and Betsch (2011).
