@@ -65,7 +65,7 @@ class _Rows:
         self._scatter, self._dofs, self._values = scatter, dofs, values
 
     def of(self, vector: Floats) -> Floats:
-        """Values for a nodal vector at the nodes of the map, ``(l, 3)``. Local."""
+        """Values of the functions, ``(m,)``, for a vector at local nodes, ``(l, 3)``. Local."""
         at = vector[self._dofs].reshape(self._values.shape)
         values: Floats = np.einsum("md,md->m", self._values, at)
         return values
@@ -148,7 +148,7 @@ class ContactDerivative:
         return of_space(total, x.shape[1])
 
     def force_by(self, motion: ContactMotion, histories: Histories) -> Floats:
-        """Perturbation of the force, without that by the end of the step, ``(n, d)`` [N]."""
+        """Perturbation of the force for a fixed end of the step, ``(n, d)`` [N]."""
         inputs, start = self._inputs(motion, histories), self._at(motion.start)
         inputs[:, 1] = 0.0
         total = self._zeros(motion.start)
@@ -163,7 +163,7 @@ class ContactDerivative:
         self._store(np.einsum("moi,mi->mo", self._matrix[:, 1:], inputs), histories)
 
     def slope(self, shape: tuple[int, int], histories: Histories) -> Floats:
-        """Derivative of the objective with respect to the end through the histories, ``(n, d)``.
+        """Slope of the objective at the end of the step due to the histories, ``(n, d)``.
 
         Args:
             shape: Shape of the result.

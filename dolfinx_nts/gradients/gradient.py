@@ -75,9 +75,9 @@ class Gradient:
     Raises:
         TypeError: A control, a force or the objective is of another kind.
         ValueError: The stepper has parts without derivatives, which the message names, a control
-            occurs nowhere, or a force is not one of the stepper. The methods raise it, too, if a
-            control changes in the run, or if ``update`` computes other data from it than values of
-            conditions.
+            occurs nowhere, or a force is not one of the stepper. The methods also raise ValueError
+            if a control changes in the run, or if ``update`` computes anything but values of
+            conditions from a control.
 
     Example:
         >>> stepper = nts.EnergyMomentum(bodies, dt=0.01)
@@ -360,6 +360,6 @@ def _of_velocity(costate: MotionState) -> Floats:
 
 
 def _with(costate: MotionState, slopes: Sequence[Floats]) -> MotionState:
-    """Costate plus the slopes of a term with respect to displacement and rates. Local."""
+    """Sum of a costate and the slopes of a term with respect to displacement and rates. Local."""
     rates = [old + slope for old, slope in zip(costate.rates, slopes[1:], strict=False)]
     return costate._replace(u=costate.u + slopes[0], rates=rates)

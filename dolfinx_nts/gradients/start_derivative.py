@@ -23,7 +23,7 @@ class StartDerivative:
 
     Args:
         equations: Equations of the steps.
-        rates: Its rates.
+        rates: Rates of the stepper.
         controls: Parameters of the forms.
     """
 
@@ -49,7 +49,7 @@ class StartDerivative:
             self._of_controls.append(tuple(both))
 
     def _sum(self, forms: Sequence[ufl.Form], direction: fem.Function) -> NodalSum:
-        """Sum of the derivatives of forms for the displacement at the start."""
+        """Sum of the derivatives of forms with respect to the displacement at the start."""
         V, u_n = self._rates.u.function_space, self._rates.u_n
         return NodalSum([expand_derivatives(ufl.derivative(f, u_n, direction)) for f in forms], V)
 
@@ -62,7 +62,7 @@ class StartDerivative:
         rates.v.x.array[:], rates.a.x.array[:] = factor * step.start.rates[1], 0.0
 
     def _solved(self, force: Floats) -> Floats:
-        """Acceleration by a force, 0 at prescribed displacements, shapes ``(n, d)``."""
+        """Acceleration due to a force, both ``(n, d)``; 0 at prescribed displacements."""
         free = ~self._equations.bulk.is_prescribed
         return self._mass.solve(force.ravel(), lambda r: free * r).reshape(force.shape)
 

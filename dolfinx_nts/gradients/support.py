@@ -1,4 +1,4 @@
-"""Which steppers have derivatives."""
+"""Checks that a stepper has derivatives."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -67,7 +67,7 @@ def check_open(steps: Sequence[ContactStep]) -> None:
     """Check that springs have no force at the start of a step. Collective.
 
     Raises:
-        ValueError: A node is inside, so that the acceleration at the start depends on springs.
+        ValueError: A node penetrates, so that the acceleration at the start depends on springs.
     """
     for step in steps:
         state = step.state
@@ -97,8 +97,8 @@ def check_resisted(relief: InertiaRelief) -> None:
 def has_adjoint(pair: ContactPair) -> bool:
     """Whether the contact of a pair has derivatives in closed form, and thus an adjoint. Local.
 
-    It has for springs of nodes on segments, without friction. All other contact is differentiated
-    along one direction at a time.
+    Springs of nodes on segments without friction have an adjoint. All other contact is
+    differentiated along one direction at a time.
     """
     return pair.method == NODES and pair.friction is None
 
