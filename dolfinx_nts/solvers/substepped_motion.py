@@ -34,8 +34,8 @@ _LARGEST_STRAIN = 0.05
 # Residual, relative to the forces of the remaining increment [-], below which the next substep
 # begins.
 _FOLLOWED = 1e-3
-# Remaining fractions of the motion [-]: one that is applied at once, as its forces are round-off;
-# and one that counts as zero.
+# Remaining fraction of the motion that is applied in one increment, as its forces are round-off;
+# and fraction that counts as zero [-].
 _REST, _ROUND_OFF = 1e-6, 1e-12
 # Fraction of the remaining motion [-] above which an increment counts in `duration`. Smaller
 # increments, due to contact, may be numerous.

@@ -120,7 +120,7 @@ class ContactComplement:
         return [blocks for part in parts for blocks in part]
 
     def _reach(self, contacts: Sequence[ContactBlocks]) -> GlobalInts:
-        """Compute missing columns of contact nodes; return the contact nodes. Collective."""
+        """Compute missing columns of B U for contact nodes; return these nodes. Collective."""
         nodes: GlobalInts = np.unique(np.concatenate([b.nodes for b in contacts]))
         nodes = np.union1d(nodes, np.concatenate([b.tangent_nodes.ravel() for b in contacts]))
         if self._version != self._bulk.num_builds:
@@ -178,7 +178,7 @@ class ContactComplement:
 
     @property
     def _among_reached(self) -> Floats:
-        """Flexibility matrix S of the contact nodes."""
+        """Flexibility matrix S restricted to the contact nodes."""
         flexibility: Floats = self._flexibility[np.ix_(self._reached, self._reached)]
         return flexibility
 
@@ -195,7 +195,7 @@ class ContactComplement:
         self._version, self._batches, self._columns = self._bulk.num_builds, list(batches), []
 
     def _owned(self, nodes: GlobalInts) -> tuple[Array, Array]:
-        """Local numbers of the owned nodes among some nodes, and their positions in the list."""
+        """Local numbers of the owned nodes in a list of nodes, and their positions in the list."""
         first, last = self._tangent.rows.index_map.local_range
         place = np.flatnonzero((nodes >= first) & (nodes < last))
         return nodes[place] - first, place

@@ -63,7 +63,8 @@ class NodalStiffness:
         V: Space of the displacement.
         fixed: Owned dofs with prescribed displacement.
         bodies: Nodes of each body, owned and ghost. Nodes without unknowns get the mean of their
-            body, since bodies may differ widely. All other nodes are treated as one more body.
+            body, since bodies may differ widely. All other nodes are treated as one additional
+            body.
 
     Attributes:
         values: Stiffness of the owned nodes, ``(n,)`` [N/m]; None before the first matrix.
@@ -100,7 +101,7 @@ class NodalStiffness:
         return np.maximum(known, _LEAST_STIFFNESS * typical)
 
     def _means(self, rows: BlockCSR, stiffness: Floats, counts: Flags) -> Floats:
-        """Mean stiffness of the stiffest body of each node, for a relative stiffness of 1."""
+        """Mean stiffness of the stiffest body at each node, for nodes of relative stiffness 1."""
         sums = [
             [stiffness[nodes].sum(), self._share[nodes][counts[nodes]].sum()]
             for nodes in self._bodies
