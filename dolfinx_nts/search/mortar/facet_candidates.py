@@ -148,7 +148,7 @@ class FacetCandidates(SegmentCandidates):
         return self.slip_between(pairs_n, pairs, segment)
 
     def slip_between(self, pairs_n: Floats, pairs: Floats, segment: Ints) -> Slip:
-        """Kinematics for positions as in `pairs` at both ends of the step, ``(m, 1+n, 3)`` [m]."""
+        """Slip for positions as in `pairs` at both ends of the step, ``(m, 1+n, 3)`` [m]."""
         orientation, weights = self._sense(segment), self._weights(segment)
         *values, frame_n, frame = self._kernels["slip"](pairs_n, pairs, orientation)
         slip = Slip(*values, frame_n=frame_n, frame=frame, orientation=orientation)

@@ -74,8 +74,8 @@ def _own(near: NearFacets, edge: Ints, node: Ints, other: Ints) -> tuple[Ints, F
     """Derivatives at nodes in the direction of other nodes, where the surface is smooth.
 
     Returns:
-        Nodes and their weights, of any length, shape ``(h, m)``, zero if it is not smooth; and
-        flags, shape ``(h,)``.
+        Nodes and their weights for a derivative of any length, shape ``(h, m)``, 0 where the
+        surface is not smooth; and flags of smooth nodes, shape ``(h,)``.
     """
     features = near.edges[near.is_feature]
     count = np.bincount(features.ravel(), minlength=len(near.X))
