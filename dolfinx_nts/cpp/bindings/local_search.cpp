@@ -430,7 +430,7 @@ private:
   std::vector<CachedTree> _trees;
   std::vector<double> _sunk; // depth of initially penetrating nodes [m]
   bool _in_dents = false;    // whether nodes below concave edges keep a segment
-  std::vector<std::int32_t> _faced; // of nodes by their numbers, or -1
+  std::vector<std::int32_t> _faced; // last segment of each node number, or -1
   std::size_t _num_rows = 0;
 };
 

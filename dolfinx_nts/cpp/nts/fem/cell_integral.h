@@ -27,7 +27,7 @@ public:
       throw std::invalid_argument("address: expected a function, given 0");
   }
 
-  /// @param[in,out] b Element vector, to which is added.
+  /// @param[in,out] b Element vector, incremented.
   /// @param[in] w Values of the functions.
   /// @param[in] c Values of the constants.
   /// @param[in] X Vertices of the cell, (v, 3).

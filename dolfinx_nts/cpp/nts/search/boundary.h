@@ -90,7 +90,7 @@ public:
   }
 
   /// @brief Coordinates from 0 to 1 at which a straight path intersects
-  /// triangles, and the side on which it continues, see WayCut.
+  /// triangles, and the side on which it continues, see `PathCut`.
   template <class OnCut>
   void cuts(const Vec3& begin, const Vec3& end, OnCut&& found) const
   {

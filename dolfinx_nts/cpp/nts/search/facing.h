@@ -200,8 +200,8 @@ public:
     return found;
   }
 
-  /// @brief Whether the mean normal is close to a segment's normal: the node
-  /// then moves ahead of its body, and is not on a rim.
+  /// @brief Whether the mean normal at the node is close to a segment's normal;
+  /// the node is then on the leading side of its body, not on a rim.
   bool lead_along(const Vec3& normal) const
   {
     Vec3 mean = {};

@@ -145,7 +145,8 @@ public:
     std::ranges::sort(_crossings, {}, [](const Crossing& c)
                       { return std::pair(c.time, !c.inward); });
     Trajectory longest;
-    // A node that moves ahead of its body, and first exits, entered earlier.
+    // On the leading side of its body, a node whose first crossing is an exit
+    // was inside before.
     if (!_crossings[0].inward && node.leads_along(_crossings[0].normal))
       longest = {.entered = _crossings[0].segment,
                  .leaves = true,
