@@ -129,7 +129,7 @@ class ContactDiagnostics:
             self._shared = None
 
     def _now(self) -> CurrentState:
-        """The current state."""
+        """Cache of the current state."""
         if self._shared is None or self._shared.step != self.stepper.step:
             return CurrentState(self.stepper)
         return self._shared

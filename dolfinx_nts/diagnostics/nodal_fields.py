@@ -53,7 +53,7 @@ _RULES = {
 
 
 class _Place(NamedTuple):
-    """Nodes of some pairs, and the places of the nodes of each pair among them.
+    """Nodes of several pairs in one array, and the rows of each pair in this array.
 
     Attributes:
         nodes: Owned nodes of all these pairs, ascending, shape ``(r,)``.

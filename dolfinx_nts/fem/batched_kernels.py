@@ -144,7 +144,7 @@ def begin_batched_kernels(
 ) -> None:
     """Start compiling the kernels of `batched_kernels` or `matrix_kernels`. Local.
 
-    It has the same arguments; errors are raised later, when the kernels are requested.
+    The arguments are those of these functions; errors are raised when the kernels are requested.
     """
     if form.mesh.comm.rank == 0:
         with suppress(OSError, ValueError):

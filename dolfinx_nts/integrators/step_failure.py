@@ -95,7 +95,7 @@ class StepFailure:
         """
         reports = [replace(each, start=_STARTS[name]) for name, each in self._attempts.items()]
         reasons = "; ".join(each.reason for each in reports)
-        # What stopped an attempt says more than the number of its iterations.
+        # The reason why an attempt stopped is more useful than the number of its iterations.
         causes = [min((r.reason for r in reports), key=lambda reason: "no convergence" in reason)]
         weak = {type(b.material).__name__ for b in bodies if not b.material.resists_collapse}
         if "is inverted" in reasons and weak:

@@ -163,7 +163,7 @@ def _names(number: int) -> list[str]:
 
 
 def _checked(fibres: Any) -> tuple[tuple[Any, ...], dict[str, float]]:
-    """Directions as given, and components of numerical ones by name."""
+    """Directions as given, and the components of numerical directions by name."""
     if isinstance(fibres, str) or not isinstance(fibres, Sequence) or not len(fibres):
         raise TypeError(f"expected fibres as a sequence of directions, given {fibres!r}")
     components: dict[str, float] = {}

@@ -282,7 +282,7 @@ def _parsed(data: bytes) -> Elements:
 
 
 def _format(text: bytes) -> tuple[bool, bool, str, int]:
-    """Format: whether 4.1, whether binary, byte order, and number of bytes of ``size_t``."""
+    """Format of the file: whether 4.1, whether binary, byte order, and bytes of a ``size_t``."""
     version, kind, size = text.split(maxsplit=3)[:3]
     if version != _VERSION_4 and version not in _VERSION_2:
         raise ValueError(

@@ -70,7 +70,7 @@ class Some(NamedTuple):
     elsewhere: float
 
     def whole(self, n: int) -> Array:
-        """All ``n`` rows."""
+        """Array of all ``n`` rows."""
         shape = n, *self.values.shape[1:]
         # `np.zeros` is fast, since untouched pages are not allocated.
         rows: Array = np.full(shape, self.elsewhere) if self.elsewhere else np.zeros(shape)

@@ -76,7 +76,7 @@ _TEXT = 14  # size of the text in a corner
 _LABELS = 5  # of the bar, where the range is given
 _ABOVE = "magenta"  # colour of values above the range
 _LINE = 24  # width of coloured lines [pixels]
-_BEHIND = 1e-3  # from lines to the bodies behind them, relative to the size of these [-]
+_BEHIND = 1e-3  # distance from lines to the bodies behind them, relative to the bodies [-]
 _ARROW = 0.1  # length of the longest arrow, relative to the picture [-]
 
 
@@ -85,7 +85,7 @@ class Unit(NamedTuple):
 
     Attributes:
         symbol: Its symbol, ``""`` for numbers without one.
-        free: Whether the user has given it: no prefix is added, and times have no unit.
+        free: Whether the user has given the unit: no prefix is added, and times have no unit.
     """
 
     symbol: str

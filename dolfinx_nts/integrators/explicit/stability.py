@@ -187,7 +187,7 @@ class Stability:
     def growth(self, energy: float, dt: float) -> str:
         """Message if the energy [J] of a run with steps dt [s] has grown, otherwise "". Local."""
         if self._have_materials_changed:
-            # They give or take energy, such as that of a swelling body.
+            # A change of material data, such as swelling, changes the energy.
             self.start(energy)
             self._have_materials_changed = False
             return ""

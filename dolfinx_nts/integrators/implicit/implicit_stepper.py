@@ -201,7 +201,7 @@ class ImplicitStepper(Stepper):
     def _with_defaults(self, pair: ContactPair) -> ContactPair:
         """Pair with default laws: springs with inertia, multipliers in statics. Collective.
 
-        Multipliers at nodes of rigid bodies alternate from step to step, and friction with them.
+        Multipliers at nodes of rigid bodies, and their friction, alternate from step to step.
         """
         rigid = gives_rigid_nodes(pair, self.bodies)
         law = LagrangeMultiplier() if self.scheme.rates is NoRates else Penalty()
@@ -485,7 +485,7 @@ class ImplicitStepper(Stepper):
 
     def _forces_at_start(self) -> Floats:
         """Residual with loads and contact springs at the time t, on the owned dofs [N]."""
-        # Velocities may have been set of bodies that have slept.
+        # The user may have set velocities of sleeping bodies.
         self._sleeping.wake()
         self._load_at(0.0)
         forces: Floats = self._bulk.forces() + self._step_solver.spring_forces(self.x)
@@ -507,7 +507,7 @@ class ImplicitStepper(Stepper):
         states: Sequence[ContactContribution],
         advice: str,
     ) -> ConvergenceError:
-        """Error of a step from the reports of all attempts; steps and states are the last ones."""
+        """Error of a failed step, from the reports of all attempts and the last contact."""
         passing = (passing_without_contact(step, self.dt) for step in steps)
         if found := next(filter(None, passing), ""):
             advice = f"{found}; {advice}"

@@ -64,10 +64,10 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
     """Check that the stress of a step without deformation is the stress of the material. Local.
 
     Any consistent scheme has the stress P = F S(F^T F) if F is the same at both ends, for any
-    parameters of the energy. It is evaluated for the first deformable body whose stress depends on
-    the deformation alone, and for a neo-Hookean material if there is none. The weight of the end of
-    the step is checked by a difference for a small change of F. Schemes of the package are not
-    checked here, as this takes up to half a second.
+    parameters of the energy. The stress is evaluated for the first deformable body whose stress
+    depends on the deformation alone, and for a neo-Hookean material if there is none. The weight of
+    the end of the step is checked by a difference for a small change of F. Schemes of the package
+    are not checked here, as this takes up to half a second.
 
     Raises:
         TypeError: ``scheme.stress`` takes other arguments.
