@@ -46,8 +46,7 @@ class LinearFields:
         nodes: Its owned nodes, shape ``(n,)``.
         point: The origin.
         values: One, and the position from the origin, shape ``(n, d + 1)`` [-, m].
-        products: Products of ``values`` with each other, summed over all nodes, shape ``(d + 1, d +
-            1)``.
+        products: Products of ``values`` summed over all nodes, shape ``(d + 1, d + 1)``.
         reference: Coefficients of the reference position.
         size: Largest coordinate from the origin [m].
         free: Free motions of the body, see `RigidBody.free`.

@@ -107,8 +107,7 @@ class _Linearisation:
         self._stiffness = products_of(self.mean, inertia, self.end) + self.turning + no_motion
 
     def project(self, x: Floats, y: Floats) -> Floats:
-        """Coefficients of rigid forces equivalent to forces y, with arms rotated by increments
-        x."""
+        """Coefficients of rigid forces equivalent to y, with arms rotated by increments x."""
         amplitudes = self._of_end @ inner_products(self.end, x)[..., None]
         resultant = inner_products(self.mean, y)[..., None] + self.turning @ amplitudes
         return combined((self._of_forces @ resultant)[..., 0], self.end)
