@@ -39,14 +39,14 @@ public:
     _num_nodes = largest("nodes", _nodes);
     _num_rows = largest("rows", _rows);
     if (first.size() != _functions.size())
-      throw nb::value_error("first: expected a place for each function");
+      throw nb::value_error("first: expected one index for each function");
     const std::size_t values = components * _nodes.shape(1);
     for (std::size_t i = 0; i < first.size(); ++i)
     {
       check_values("functions", _functions[i], components * _num_nodes);
       if (first[i] > width || values > width - first[i])
         throw nb::value_error(
-            "first: expected places for all values of the nodes");
+            "first: expected all values of each function within width");
       _gathered.push_back({view(_functions[i]), first[i]});
     }
     check("places", _places, {any});
@@ -90,7 +90,7 @@ private:
     check(name, values, {any});
     if (values.size() < number)
       throw nb::value_error(
-          (std::string(name) + ": expected all values of each node").c_str());
+          (std::string(name) + ": expected the values of all nodes").c_str());
   }
 
   /// @brief Largest entry plus 1: the least valid number of rows.

@@ -91,7 +91,7 @@ def test_contact_of_nodes_is_summed_up(rng):
     found = _kernels.contact_sums(x, nodes, *contact)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
     assert not _kernels.contact_sums(x, nodes[:0], *(each[:0] for each in contact)).any()
-    with pytest.raises(ValueError, match="nodes: expected rows of x"):
+    with pytest.raises(ValueError, match="nodes: expected row numbers of x"):
         _kernels.contact_sums(x[:6], nodes, *contact)
 
 
@@ -104,7 +104,7 @@ def test_arrays_of_springs_must_fit():
     with pytest.raises(ValueError, match=r"force: expected shape \(2, 5, 3\), given \(2, 4, 3\)"):
         _kernels.Springs(node, key, dofs, np.zeros((2, 4, 3)), energy)
     none = np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32), np.empty(0)
-    with pytest.raises(ValueError, match="num_own: expected at most all nodes"):
+    with pytest.raises(ValueError, match="num_own: expected at most the number of nodes"):
         _kernels.contact_of_springs(springs, 6, 9, *none, key, np.empty(0))
     beyond = np.array([9], dtype=np.int32), np.array([0], dtype=np.int32), np.ones(1)
     with pytest.raises(ValueError, match="number: expected numbers of nodes"):

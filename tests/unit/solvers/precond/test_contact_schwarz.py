@@ -254,13 +254,17 @@ def test_singular_rows_are_reported(rng):
 
 def test_wrong_matrices_and_nodes_are_refused(rng):
     start, column, value = matrix(rng)[0]
-    with pytest.raises(ValueError, match="expected rows that hold all columns"):
+    with pytest.raises(
+        ValueError, match="expected ascending offsets, from 0 to the length of column"
+    ):
         made(start[:-1], column, value)
     with pytest.raises(ValueError, match=r"value: expected shape"):
         made(start, column, value[:-1])
     schwarz = made(start, column, value)
     lists, nodes, *others = blocks(4, rng)
-    with pytest.raises(ValueError, match="expected nodes that are rows of the matrix"):
+    with pytest.raises(
+        ValueError, match="expected node numbers below the number of rows of the matrix"
+    ):
         schwarz.add(_kernels.Elimination(lists, nodes + NODES, *others))
     with pytest.raises(ValueError, match="for each column"):
         schwarz.correct(*np.zeros((2, NODES - 1, 3)), NO_GHOSTS)
