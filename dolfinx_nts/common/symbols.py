@@ -52,7 +52,7 @@ def call_with_symbols(
     except (TypeError, ValueError) as error:
         failure = error
     if symbol.was_taken:
-        raise TypeError(f"expected no Python number of an argument; {hint}") from failure
+        raise TypeError(f"expected no conversion of an argument to a number; {hint}") from failure
     if failure is not None:
         raise type(failure)(f"{failure} ({hint})") from failure
     return result

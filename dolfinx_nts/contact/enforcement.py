@@ -75,8 +75,8 @@ class LagrangeMultiplier(Declaration):
             )
         if (impact == "restitution") != (e is not None):
             raise ValueError(
-                "expected a coefficient e with impact 'restitution' and with no other, given "
-                f"impact {impact!r} and e = {e!r}"
+                "expected a coefficient e with impact 'restitution', and with no other impact, "
+                f"given impact {impact!r} and e = {e!r}"
             )
         if e is not None and not 0 <= finite("e", e) <= 1:
             raise ValueError(f"expected a coefficient of restitution e from 0 to 1, given {e}")

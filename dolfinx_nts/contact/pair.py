@@ -366,7 +366,7 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
         raise ValueError(
             "expected surfaces without common nodes in a contact pair, or the same surface "
             f"twice, given {shared} nodes on both sides, where bodies are bonded: leave the facets "
-            "with these out of one surface, as boundary_of(body, where=...) does"
+            "with these nodes out of one surface, as boundary_of(body, where=...) does"
         )
     sine = sharpest_corner(segments)
     if sine < _SHARP and comm.rank == 0:

@@ -177,7 +177,7 @@ class ContactDifference:
                 "shorter steps help"
                 if not self.settles
                 else "expected contact points that settle in equilibrium for a derivative, given "
-                f"{self.between} in a step whose result depends on states on the way: method "
+                f"{self.between} in a step whose result depends on its iterations: method "
                 "'node-to-segment' has no such points; shorter steps or finer facets may help, too"
             )
 

@@ -117,7 +117,7 @@ def _number_of(bc: fem.DirichletBC, equations: StepEquations) -> int:
     for number, each in enumerate(supports.conditions[: len(supports)]):
         if each is bc:
             return number
-    raise ValueError("expected in forces conditions of bcs of the stepper, given another one")
+    raise ValueError("expected in forces conditions of bcs of the stepper, given one not in bcs")
 
 
 def _check_contact(item: Surface | Body, equations: StepEquations) -> None:
@@ -128,5 +128,5 @@ def _check_contact(item: Surface | Body, equations: StepEquations) -> None:
     if not reductions.anywhere(item.V.mesh.comm, touches):
         raise ValueError(
             "expected in forces surfaces or bodies with contact in the stepper, given "
-            f"{item.name} without: a pair must have its nodes on one side"
+            f"{item.name}: none of its nodes is on a side of a contact pair"
         )

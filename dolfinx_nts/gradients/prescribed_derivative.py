@@ -110,8 +110,8 @@ class PrescribedDerivative:
             if reductions.anywhere(equations.bulk.comm, is_wrong):
                 raise ValueError(
                     "expected update to compute only displacements of bcs from controls, and only "
-                    f"from a Constant, given other data of it from {control.name}: write a control "
-                    "into the load itself, as in FormLoad, with its factor as a function of t"
+                    f"from a Constant, given other data computed from {control.name}: a load may "
+                    "contain the control itself, as in FormLoad, with a factor that depends on t"
                 )
         if is_constant:
             self._rows = np.array(rows)

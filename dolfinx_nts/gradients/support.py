@@ -51,8 +51,8 @@ def check_supported(stepper: Any) -> None:
             )
         if pair.is_convective:
             raise ValueError(
-                f"expected friction without convective coordinates for gradients, given it of "
-                f"{pair.between}: the default law of slip has derivatives"
+                "expected friction without convective coordinates for gradients, given convective "
+                f"friction of {pair.between}: the default law of slip has derivatives"
             )
     for contact in stepper.contacts:
         if contact.search.may_move:

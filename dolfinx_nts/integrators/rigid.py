@@ -61,7 +61,7 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
             if not reductions.everywhere(comm, np.array(around, dtype=bool)).any():
                 raise ValueError(
                     f"expected {segments.smooth!r} as the shape of one RigidBody, given "
-                    f"{segments.name} of other bodies: use smooth=True for them"
+                    f"{segments.name}, which is on no such body: use smooth=True for it"
                 )
     if not rigid:
         return

@@ -264,10 +264,10 @@ class Hyperelastic(StrainEnergy):
         if one_point is None:
             return False, frozenset()
         raise ValueError(
-            "expected an energy whose stress is a pressure where nothing but the volume changes, "
-            "for one_point='volumetric', given one with another stress there, as of fibres: some "
-            "deformations would release energy; use one_point=(), or an energy of fibres that "
-            "depends on (det C)^(-1/3) C only"
+            "expected, for one_point='volumetric', an energy whose stress is a pressure if only "
+            "the volume changes, given one with another stress, as of fibres: some deformations "
+            "would release energy; use one_point=(), or an energy of fibres that depends on "
+            "(det C)^(-1/3) C only"
         )
 
     def _volumetric_parameters(self) -> frozenset[str]:

@@ -106,7 +106,7 @@ class StrainEnergy(Declaration):
             )
         if not self._is_stable:
             raise ValueError(
-                "expected psi(C) least at C = 1, given moduli with the negative eigenvalue "
+                "expected psi(C) with a minimum at C = 1, given moduli with a negative eigenvalue, "
                 f"{np.linalg.eigvalsh(self.moduli)[0]:g} Pa: an undeformed body would collapse; "
                 "check the signs of its terms"
             )

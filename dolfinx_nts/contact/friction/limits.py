@@ -230,8 +230,8 @@ def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     at = limits.at(node, p, slip)
     if np.any(at.force != limits.at(node, p, slip).force):
         raise ValueError(
-            f"expected the same limits of {law!r} for the same arguments, given other ones in the "
-            "second call: a law has no memory but nodes.slipped"
+            f"expected the same limits of {law!r} for the same arguments, given other ones in a "
+            "second call: the only memory of a law is nodes.slipped"
         )
     if not law.depends_on_slip and np.any(at.force != limits.at(node, p).force):
         raise ValueError(

@@ -113,7 +113,7 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
         if not error <= _INCONSISTENT * np.abs(exact_of_other).max():
             raise ValueError(
                 "expected a stress of the Scheme that depends on its argument parameters, given "
-                f"another one than F S(F^T F) for {material!r} with {other}: write "
+                f"another tensor than F S(F^T F) for {material!r} with {other}: write "
                 "material.stress(C, **parameters)"
             )
         near = ufl.as_matrix(np.array(_SAMPLE) + _CHANGE * np.array(_SAMPLE).T)

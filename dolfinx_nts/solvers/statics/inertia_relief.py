@@ -266,8 +266,8 @@ class InertiaRelief:
                 )
                 remedy = "add bcs, or a load that closes the contact"
             _logger.warning(
-                "%s; %.1e of the forces is not balanced, the relative error of the result: if that "
-                "is too much, %s",
+                "%s; %.1e of the forces is not balanced, and the result has this relative error: "
+                "if it is too large, %s",
                 holds,
                 self._relief.share,
                 remedy,

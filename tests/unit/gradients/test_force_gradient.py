@@ -224,7 +224,7 @@ def test_wrong_forces_are_refused(comm, refused):
     with refused(TypeError, "expected in forces a condition of bcs, or a Surface"):
         gradient(curved, stepper.pairs[0])
     V = stepper.u.function_space
-    with refused(ValueError, "conditions of bcs of the stepper, given another"):
+    with refused(ValueError, "conditions of bcs of the stepper, given one not in bcs"):
         gradient(curved, fem.dirichletbc(np.zeros(3), np.arange(2, dtype=np.int32), V))
     far = nts.Surface.where(V, lambda X: np.isclose(X[2], 0.0))
     with refused(ValueError, "surfaces or bodies with contact in the stepper"):
