@@ -30,7 +30,7 @@ def call_with_symbols(
     """Call a user's function of UFL expressions. Local.
 
     Args:
-        what: What the function returns, for messages.
+        what: Name of the result of the function, for messages.
         function: The function.
         *arguments: Its arguments, of which some contain the symbol.
         symbol: The symbol.
@@ -39,8 +39,8 @@ def call_with_symbols(
         Its result.
 
     Raises:
-        TypeError, ValueError: The function has failed with such an error, or takes the number of
-            the symbol.
+        TypeError, ValueError: The function has failed with such an error, or converts the symbol to
+        a number.
     """
     hint = (
         f"{what} is a UFL expression of its arguments: instead of functions of math and NumPy, "

@@ -220,7 +220,7 @@ def _surfaces(pair: ContactPair) -> list[Surface]:
 
 
 def _may_touch(surface: Surface, rigid: Ints) -> bool:
-    """Whether a surface has nodes, none of which belongs to excluded bodies. Collective."""
+    """Whether a surface has nodes, and no node belongs to an excluded body. Collective."""
     counts = [len(surface.nodes), np.isin(surface.nodes, rigid).any()]
     number, num_excluded = reductions.total(surface.V.mesh.comm, counts)
     return bool(number and not num_excluded)

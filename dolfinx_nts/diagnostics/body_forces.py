@@ -1,4 +1,4 @@
-"""Contact forces between each two bodies, for any division into contact pairs."""
+"""Contact forces between any two bodies, for any division into contact pairs."""
 
 from mpi4py import MPI
 
@@ -27,7 +27,7 @@ class BodyForces:
         stepper: The stepper.
 
     Attributes:
-        pairs: Numbers of each two bodies with a common pair of surfaces, the lower number first, in
+        pairs: Numbers of any two bodies with a common pair of surfaces, the lower number first, in
             ascending order.
     """
 

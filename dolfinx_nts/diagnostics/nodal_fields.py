@@ -57,7 +57,7 @@ class _Place(NamedTuple):
 
     Attributes:
         nodes: Owned nodes of all these pairs, ascending, shape ``(r,)``.
-        rows: Indices of the nodes of each pair among these, by the number of the pair.
+        rows: Indices of the nodes of each pair in ``nodes``, by the number of the pair.
     """
 
     nodes: Ints

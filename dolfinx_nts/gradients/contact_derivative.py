@@ -226,7 +226,7 @@ def of_members(pairs: Sequence[PairState], histories: Histories) -> Floats:
 
 
 def store(pairs: Sequence[PairState], values: Floats, histories: Histories) -> None:
-    """Replace the values of several pairs by those of their nodes, ``(n, WIDTH)``. Local."""
+    """Store values of the nodes of several pairs, ``(n, WIDTH)``, pair by pair. Local."""
     first = 0
     for pair in pairs:
         last = first + len(pair.nodes.nodes)

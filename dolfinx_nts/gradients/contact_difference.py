@@ -1,10 +1,9 @@
 """Derivatives of contact along one direction, by central differences of the contact alone.
 
 In mortar contact the points and their weights depend on the start of the step and on the positions
-at which points are chosen, through the parts of facets that face each other. They are
-differentiated with all else that a step of contact computes: the force at the end of the step,
-which is fixed, and then the history. In statics points are chosen in equilibrium, at the end of the
-step.
+at which points are chosen, through the parts of facets that face each other. All results of a step
+of contact are differentiated: first the force, for a fixed end of the step, then the history. In
+statics points are chosen in equilibrium, at the end of the step.
 """
 
 from dataclasses import replace

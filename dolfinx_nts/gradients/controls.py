@@ -166,7 +166,7 @@ class InitialControl(Control):
             assign(body, self._given)
 
     def gathered(self, values: Floats) -> Floats:
-        """Values of all ranks from those of the owned dofs. Collective."""
+        """Values of all ranks, from values at the owned dofs. Collective."""
         return _gathered(self.function, values)
 
     def owned(self, values: Floats) -> Floats:
@@ -206,13 +206,13 @@ def _num_owned(V: fem.FunctionSpace) -> int:
 
 
 def _gathered(function: fem.Function, owned: Floats) -> Floats:
-    """Values of all ranks, in the order of the ranks, from those of the owned dofs."""
+    """Values of all ranks, in the order of the ranks, from values at the owned dofs."""
     values: Floats = joined(function.function_space.mesh.comm, owned.ravel().copy())
     return values
 
 
 def _owned_values(function: fem.Function, values: Floats) -> Floats:
-    """Values at the owned dofs, from those of all ranks. Local."""
+    """Values at the owned dofs, from values of all ranks. Local."""
     V = function.function_space
     start = V.dofmap.index_map.local_range[0] * V.dofmap.index_map_bs
     return values[start : start + _num_owned(V)]

@@ -137,11 +137,11 @@ class Gradient:
         self._check_occurrence()
         self._start = Snapshot()
         stepper.serialize(self._start)
-        # Values of initial states; the stepper has those at the end of the run.
+        # Values of initial states; the stepper has values at the end of the run.
         self._x = np.concatenate([control.get() for control in self._controls])
         # Springs of the first run, by pair.
         self._springs: dict[PairState, tuple[Any, ...]] = {}
-        # The last run: its controls, objective and states.
+        # Controls, objective and states of the last run.
         self._of: Floats | None = None
         self._value, self._stored = 0.0, self._new_store()
 

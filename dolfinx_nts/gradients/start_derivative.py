@@ -33,7 +33,7 @@ class StartDerivative:
         self._equations, self._rates, bulk = equations, rates, equations.bulk
         V, self._size = rates.u.function_space, bulk.num_owned
         self._mass = ConsistentMass(equations.bodies, fem.Function(V))
-        # Forces without motion in the step. Their inertia is that of a velocity in the place of the
+        # Forces without motion in the step. Their inertia contains a velocity in place of the
         # acceleration.
         forms = [ufl.replace(form, {rates.u: rates.u_n}) for form in bulk.forms]
         self._change, self._costate = fem.Function(V), fem.Function(V)
@@ -73,7 +73,7 @@ class StartDerivative:
     def tangent(
         self, step: StepRecord, start: MotionState, changes: Sequence[Floats]
     ) -> MotionState:
-        """Perturbation of the start with that of the acceleration, see `StepDerivative.tangent`."""
+        """Perturbation of the start, including the acceleration, see `StepDerivative.tangent`."""
         self._take(step)
         self._set(self._change, start.u)
         force = self._along.assembled().reshape(start.u.shape)

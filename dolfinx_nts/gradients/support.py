@@ -106,7 +106,7 @@ def has_adjoint(pair: ContactPair) -> bool:
 def has_exact_derivative(step: ContactStep, last: ContactContribution, *, gives_back: bool) -> bool:
     """Whether a step of contact has derivatives in closed form. Collective.
 
-    Springs that return energy as an impulse, and those of vertices, have none.
+    Springs that return energy as an impulse, and springs of vertices, have no such derivative.
 
     Args:
         step: The accepted attempt, before its pairs accept their histories.

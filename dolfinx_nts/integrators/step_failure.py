@@ -32,7 +32,7 @@ __all__ = ["SHORTER_STEP_HELPS", "StepFailure"]
 # Advice if no specific cause is known.
 SHORTER_STEP_HELPS = "a smaller dt may help, which StepControl() uses after a failed step"
 
-# Attempts by name: the starting guesses of `Rates.starts`, and those of statics.
+# Attempts by name: the starting guesses of `Rates.starts`, and the attempts of statics.
 _STARTS = {
     "coasting": "the mean velocity of the last step",
     "ballistic": "the velocity at its start",

@@ -156,7 +156,7 @@ def _pairs(scene: Mapping[str, str]) -> list[int]:
 def _pairs_with_state(
     saved: Mapping[str, str], now: Mapping[str, str]
 ) -> tuple[dict[int, _Kept], dict[int, _Other]]:
-    """Pairs that get a contact state of the checkpoint, and those with other laws.
+    """Pairs that get a contact state of the checkpoint, and pairs with other laws.
 
     Both are by the number of the pair in the new scene, from 0.
     """

@@ -138,8 +138,8 @@ def grid_of(dim: int, ids: Any, x: Any, values: Any, name: str) -> Any:
     """Create a PyVista grid of cells or facets, coloured by values.
 
     Args:
-        dim: Their dimension, from 1 for edges to 3.
-        ids: x
+        dim: Dimension of the cells or facets, from 1 for edges to 3.
+        ids: Numbers of the vertices, shape ``(c, k)``.
         x: Positions of the vertices, shape ``(c, k, 3)`` [m].
         values: Values of the vertices, shape ``(c, k)``; or of the cells, ``(c,)``, averaged at
             each point of the grid.

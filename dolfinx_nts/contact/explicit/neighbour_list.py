@@ -157,7 +157,7 @@ class NeighbourList:
         return secant
 
     def missing_energy(self, gap: Floats) -> Floats:
-        """Energy of linear springs of the secant stiffness minus that of springs, ``(c,)`` [J]."""
+        """Energy of linear springs of the secant stiffness minus spring energy, ``(c,)`` [J]."""
         if self.stiffest is None:
             return np.zeros_like(gap)
         depth, beyond = self._beyond(gap)

@@ -202,8 +202,8 @@ class ContactSprings:
 
         ``squared_frequency`` is the largest squared angular frequency of normal springs with the
         reduced mass of a node and a vertex of a segment [1/s^2]. Springs are as stiff as cells, or
-        as this frequency allows; under loads above those of waves they are stiffer than cells if
-        it allows that.
+        as this frequency allows; under loads larger than those of waves they are stiffer than cells
+        if the frequency allows it.
         """
         stiffest: Floats = squared_frequency * self._reduced_mass
         penalty = tangential = np.minimum(stiffest, self._cells / SOFT)

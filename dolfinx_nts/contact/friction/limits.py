@@ -80,7 +80,8 @@ class Limits:
     def at(self, node: Ints, p: Floats, slip: Floats | None = None) -> NodalLimit:
         """Limits of nodes for normal forces p [N] and slips [m] (None: no slip), ``(m,)``.
 
-        Derivatives that are not finite at p = 0, such as that of p^(2/3), count as 0 there.
+        Derivatives that are not finite at p = 0, such as the derivative of p^(2/3), count as 0
+        there.
 
         Raises:
             ValueError: A limit is negative; a limit or a derivative is not finite at finite p > 0
@@ -221,7 +222,8 @@ def _attributes(law: FrictionLaw) -> list[Any]:
 def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     """Compare derivatives of a law in a step dt [s] with one-sided differences of the limit. Local.
 
-    At a kink, such as that of a cap, a derivative may have any value between both differences.
+    At a kink of the limit, such as at a cap, a derivative may have any value between both
+    differences.
     """
     some = np.unique(np.linspace(0, len(nodes.nodes) - 1, _NUM_NODES, dtype=np.int32))
     grid = (each.ravel() for each in np.meshgrid(some, _FORCES, _SLIPS, indexing="ij"))

@@ -237,7 +237,7 @@ class LocalSearch:
 
     @staticmethod
     def _additional_reach(pair: ContactPair) -> float:
-        """Length added to the search radius, such as that of edges [m]."""
+        """Length added to the search radius, such as the length of edges [m]."""
         return 0.0
 
     @property

@@ -189,8 +189,8 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
 def _passing_message(step: ContactStep) -> str:
     """Message naming nodes of a skipped pair that pass through a surface, or "". Collective.
 
-    The step is solved again with this pair, whose solution is checked as that of any other.
-    ``step`` is its contact with the end of the step as trial state.
+    The step is solved again with this pair, whose solution is checked like the solution of any
+    pair. ``step`` is its contact with the end of the step as trial state.
     """
     if vertex_tolerance(step.state) is not None:
         return ""
@@ -303,7 +303,7 @@ def check_boundaries(
 
 
 def _passage(step: ContactStep, free: Flags) -> Passage:
-    """Nodes that pass through their candidates, among those flagged by `free`, ``(n,)``. Local."""
+    """Nodes flagged by `free`, ``(n,)``, that pass through their candidates. Local."""
     search = step.search
     ends, start = (search.x_n, step.x), search.start
     return Passage.through(search.candidates, search.points, ends, start, search.reach, free)

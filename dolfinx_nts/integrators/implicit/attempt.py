@@ -45,8 +45,8 @@ class AdmissibleMotion:
     def prescribed(self, x_n: Floats, contacts: Sequence[PairState]) -> Floats:
         """Prescribed displacement increments of the step at the owned dofs [m]. Collective.
 
-        They include those of supports and guided bodies, and of obstacles at the nodes of their
-        pairs.
+        They include increments of supports and guided bodies, and of obstacles at the nodes of
+        their pairs.
 
         Args:
             x_n: Positions of the local nodes at the start of the step, shape ``(l, 3)`` [m].

@@ -601,7 +601,8 @@ class ImplicitStepper(Stepper):
     def _set_data(self, t_n: float, dt: float, point: float | None = None) -> None:
         """Set loads, supports and motions as in a former step of length dt from t_n, both [s].
 
-        ``point`` is the time of the loads as a fraction of the step; None for that of the scheme.
+        ``point`` is the time of the loads as a fraction of the step; None for the time of the
+        scheme.
         """
         self.t, self._dt.value[...] = t_n, dt
         with self._steps_of(dt):

@@ -83,8 +83,8 @@ class ContactComplement:
         ``mobility`` is the additional compliance of free bodies, if any. ``immobile`` are the nodes
         of rigid bodies without free motion, the same on all ranks.
         """
-        # The geometric stiffness of contact is left out: the factors do not contain that of the
-        # bodies, which would balance it.
+        # The geometric stiffness of contact is left out: the factors do not contain the geometric
+        # stiffness of the bodies, which would balance it.
         contacts = [
             blocks._replace(tangent_nodes=blocks.tangent_nodes[:0], tangent=blocks.tangent[:0])
             for blocks in self._gathered(pairs)

@@ -18,8 +18,8 @@ __all__ = ["FactorAge"]
 # Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
 # factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
-# Largest number of iterations [-] with the strongest complete factors. It is their cost plus that
-# of factors of the complete system, in iterations.
+# Largest number of iterations [-] with the strongest complete factors. It is their cost plus the
+# cost of factors of the complete system, in iterations.
 _MOST_ITERATIONS = 80
 # Iterations per decade of reduction [-] above which stronger factors are cheaper than new factors
 # of the same kind; above which ILU(1) is cheaper than ILU(0), with the number of decades over which

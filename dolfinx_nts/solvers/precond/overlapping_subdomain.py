@@ -34,7 +34,7 @@ class OverlappingSubdomain:
         owners = rows_by_rank(space.comm, np.searchsorted(self._ends, ghosts, side="right"))
         self._reached = exchanged(space.comm, {rank: ghosts[k] for rank, k in owners.items()})
         self._reached[space.comm.rank] = np.arange(*space.local_range)
-        # Known contact nodes, and those that are columns in the rows of each rank. Both grow
+        # Known contact nodes, and the contact nodes among the columns of each rank. Both grow
         # slowly.
         self._known: GlobalInts = np.empty(0, dtype=np.int64)
         self._reaches: dict[int, GlobalInts] = {space.comm.rank: self._known}

@@ -126,7 +126,7 @@ class BulkPreconditioner:
 
     @property
     def is_of_derivative(self) -> bool:
-        """Whether the factors are those of the derivative, the strongest complete ones."""
+        """Whether the factors are factors of the derivative itself, the strongest complete ones."""
         return self._kind == _LDL_DERIVATIVE
 
     @property

@@ -179,7 +179,8 @@ class RigidMotion(RigidStates):
     def project(self, x: Floats | None, y: Floats) -> Floats:
         """Project forces y on rigid motions, in place.
 
-        With increments x [m], y are their tangent forces, and the rotation of the forces is added.
+        If increments x [m] are given, y are the tangent forces due to x, and the change of the
+        forces by rotation is added.
         """
         if self._states is None:
             return y

@@ -10,7 +10,7 @@ namespace nts
 ///
 /// A ray from a point leaves the boundary once more than it enters it if the
 /// point is inside. Crossings are sums over triangles, so that each rank can
-/// count those of its triangles.
+/// count the crossings of its triangles.
 class Boundary
 {
 public:

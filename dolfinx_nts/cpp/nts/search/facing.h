@@ -269,7 +269,7 @@ private:
   std::vector<Box> _boxes;
 };
 
-/// @brief Admissible segments of one node: those that face it, see
+/// @brief Admissible segments of one node: segments that face it, see
 /// `find_segment`. The node keeps its current segment in any orientation.
 template <class S>
 class Facing

@@ -22,7 +22,7 @@
 /// Segments are projected along the mean normal of a facet into its reference
 /// cell and clipped there, so that neighbours tile the facet without gaps; in
 /// the plane, edges are projected on edges.
-/// Weights are reference areas, of rings around their whole circles.
+/// Weights are reference areas, in axisymmetric meshes over the circumference.
 /// Multipliers belong to the vertices. Their shape functions are dual to the
 /// linear ones of the facet on the part of it that is covered (Cichosz and
 /// Bischoff 2011). For vertices outside of that part, see
@@ -153,8 +153,8 @@ private:
     return p.converged ? p.gap : NAN;
   }
 
-  /// @brief Box around a facet in its plane. Curved edges may leave that of its
-  /// nodes.
+  /// @brief Box around a facet in its plane. Curved edges may leave the box of
+  /// the nodes.
   struct Box
   {
     Vec2 low, high;
