@@ -188,11 +188,11 @@ class PairState(Tractions, NodesOfPairs):
                 `spring_stiffness`: the static one, and that of springs between nodes and segments
                 that both do not deform. Called only if a default is needed.
             stiffer: Stiffness of springs relative to their nodes [-].
-            cells: Returns the P-wave modulus of the owned nodes of the space, infinite at
-                prescribed displacements and in rigid bodies, shape ``(n,)`` [Pa], the density,
-                ``(n,)`` [kg/m^3], and the ratio of shear to P-wave modulus, ``(n,)`` [-]. With
-                these, the default stiffness of springs follows from the cells where they deform;
-                without, from the nodes.
+            cells: Returns three values of the owned nodes of the space, each of shape ``(n,)``:
+                P-wave modulus, infinite at prescribed displacements and in rigid bodies [Pa];
+                density [kg/m^3]; and ratio of shear to P-wave modulus [-]. With these, the default
+                stiffness of springs follows from the cells where they deform; without, from the
+                nodes.
         """
         if self._ranges is not None:
             return

@@ -38,14 +38,14 @@ class Gradient:
     The steps of the scheme are differentiated, not the equations in time, so that gradients are
     those of the computed objective. Contact of nodes with segments by springs without friction is
     differentiated exactly. Mortar contact and friction are differentiated by central differences of
-    the contact of each step along one direction, with errors of about 1e-8, or up to 1e-5 of a step
-    in which nodes touch just then. Runs in which such contact chooses its points again within a
-    step raise a ValueError, also those of statics whose points do not settle in equilibrium, and
-    those of statics with rigid motions that nothing resists. Optimisers of SciPy take `value` and
-    `gradient` as they are. Each call repeats the run from the state at which the object was made,
-    and leaves the stepper at the end of the run. Springs of contact keep the stiffness that the
-    first run has chosen. Which nodes touch, and whether they slip, is constant within a step; at
-    controls where this changes, derivatives are one-sided. Collective, as are all methods.
+    the contact of each step along one direction, with errors of about 1e-8, or up to 1e-5 in a step
+    in which nodes begin to touch. A run raises a ValueError if such contact chooses its points
+    again within a step. In statics it also does if points do not settle in equilibrium, or if
+    nothing resists a rigid motion. Optimisers of SciPy take `value` and `gradient` as they are.
+    Each call repeats the run from the state at which the object was made, and leaves the stepper at
+    the end of the run. Springs of contact keep the stiffness that the first run has chosen. Which
+    nodes touch, and whether they slip, is constant within a step; at controls where this changes,
+    derivatives are one-sided. Collective, as are all methods.
 
     Args:
         stepper: An `EnergyMomentum`, `Midpoint`, `GeneralizedAlpha` or `QuasiStatic` stepper before

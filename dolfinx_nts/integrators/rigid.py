@@ -50,8 +50,8 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
         pairs: All contact pairs.
 
     Raises:
-        ValueError: Two rigid bodies share nodes, a pair with impact "resolved" has rigid nodes or
-            is combined with guides, or a sphere is the shape of several or deformable bodies.
+        ValueError: Two rigid bodies share nodes; a pair with impact "resolved" has rigid nodes, or
+            is combined with guides; or a sphere is the shape of several or deformable bodies.
     """
     V, rigid = bodies[0].V, [body for body in bodies if isinstance(body, RigidBody)]
     comm: MPI.Comm = V.mesh.comm

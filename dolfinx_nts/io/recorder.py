@@ -89,8 +89,8 @@ class Recorder:
             cells, and the equivalent plastic strain of plastic materials.
         own_columns: Functions by the name of a column, which return a number or a vector of
             three for a stepper, the same on all ranks. All ranks call them for each row.
-        own_fields: Functions by the name of a field. Each returns for a stepper a DOLFINx Function
-            with values at the nodes, or the values at its owned nodes in the order of
+        own_fields: Functions by the name of a field. Each is called with the stepper. It returns a
+            DOLFINx Function with values at the nodes, or values at the owned nodes in the order of
             ``stepper.x``, shape ``(n,)`` or ``(n, 3)``, in the plane also ``(n, 2)``. A Function
             itself is possible, too; the user updates it.
         fields: Kind of the file of fields: ``"vtkhdf"``, ``"xdmf"`` or ``"vtx"``. The last is a

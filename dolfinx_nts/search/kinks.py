@@ -46,9 +46,9 @@ class _Turn(NamedTuple):
 def nodes_on_kinks(surface: Surface) -> tuple[Flags, Floats]:
     """Find the owned nodes at which the surface turns by 30 degrees or more. Collective.
 
-    Two facets around such a node have normals that differ by at least this angle in the reference
-    configuration, and one of them is behind the plane of the other one. Facets beyond a free edge
-    of the surface are unknown.
+    In the reference configuration the normals of two facets around such a node differ by at least
+    this angle, and one facet is behind the plane of the other one. Facets beyond a free edge of the
+    surface are unknown.
 
     Args:
         surface: The surface.

@@ -63,8 +63,8 @@ _ROUGH_REDUCTION = 0.15
 # Forcing terms for quadratic convergence: factor and exponent of the last reduction (S. C.
 # Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996), choice 2).
 _RATE_FACTOR, _RATE_POWER = 0.9, 1.6
-# Residual of the last iteration relative to the target [-], and largest ratio of the forcing term
-# to the reduction for this residual [-] at which this is the last iteration.
+# Residual of the last iteration relative to the target [-], and ratio of the forcing term to the
+# reduction for this residual [-] up to which the iteration is the last one.
 _AIM, _NEAR = 0.3, 1e3
 
 

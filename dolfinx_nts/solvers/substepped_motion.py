@@ -1,7 +1,7 @@
 """Prescribed motion in statics, applied in substeps together with the motion of the bodies.
 
 If supports, guides and obstacles moved in one increment, with all other nodes fixed, cells at
-supports would be inverted, and sticking nodes would be far from a moving tool. Newton's method then
+supports would be inverted. Sticking nodes would be far from a moving tool. Newton's method then
 fails for nearly incompressible materials, and contact forces do not predict the active set. Here
 the remaining prescribed increment is a known part of the linear systems: the tangents of bodies and
 contacts transmit it to the other nodes, with closed gaps and sticking nodes kept. If it would

@@ -42,8 +42,9 @@ class OverlapWatch:
     Args:
         bodies: The bodies.
         contacts: The contact pairs.
-        clear: Called after a check without overlaps, with the positions, shape ``(l, 3)`` [m], and
-            the least approach from there by which bodies of a pair pass through each other [m].
+        clear: Called after a check without overlaps, with two arguments: positions, shape ``(l,
+            3)`` [m], and the least approach from there by which bodies of a pair pass through each
+            other [m].
 
     Attributes:
         is_static: Whether there is no inertia, for the remedies.

@@ -78,7 +78,8 @@ def warn_of_round_fits(pairs: Sequence[ContactPair], bodies: Sequence[Body]) -> 
 
     Facets are chords of the round surfaces: the gap of a pin in a hole varies along each facet,
     unless the nodes of both lie opposite each other. Bodies fit if a connected arc of facets of one
-    of them, of 50 degrees or more, lies close to a surface of about the same radius of the other.
+    body, of 50 degrees or more, lies close to a surface of the other body with about the same
+    radius.
 
     Args:
         pairs: The contact pairs.

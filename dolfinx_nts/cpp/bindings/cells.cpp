@@ -33,7 +33,7 @@ public:
       throw nb::value_error("components: expected 2 or 3 values a node");
     check("X", _X, {any, 3});
     check("vertices", _vertices, {any, any});
-    check_rows("vertices: expected rows of X", _vertices, _X.shape(0));
+    check_rows("vertices: expected row numbers of X", _vertices, _X.shape(0));
     check("nodes", _nodes, {_vertices.shape(0), any});
     check("rows", _rows, {_vertices.shape(0), any});
     _num_nodes = largest("nodes", _nodes);

@@ -71,9 +71,8 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
 
     Raises:
         TypeError: ``scheme.stress`` takes other arguments.
-        ValueError: It does not return a tensor, or returns another stress, or does not depend on
-            the parameters, or the weight of the end of the step in it is not
-            ``scheme.stress_share``.
+        ValueError: The result is not a tensor, is another stress, or does not depend on the
+            parameters; or the weight of the end of the step in it is not ``scheme.stress_share``.
     """
     if is_of_package(scheme.stress):
         return

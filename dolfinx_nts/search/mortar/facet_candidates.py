@@ -44,9 +44,10 @@ class FacetCandidates(SegmentCandidates):
     """Segments with the facets to which they belong.
 
     Segments select the facet of each point. Gap, force and slip are evaluated on the whole facet:
-    at degree 2 on the curved one, see `cpp/nts/geometry/facet.h`, and for smooth surfaces on the
-    patch, shifted to the mean of the flat facet, so that the consistent load of a uniform pressure
-    belongs to the facet. Points store the effect of the shifts on gaps, see `MortarPoints`.
+    at degree 2 on the curved facet, see `cpp/nts/geometry/facet.h`, and for smooth surfaces on the
+    patch. The patch is shifted to the mean of the flat facet, so that the consistent load of a
+    uniform pressure belongs to the facet. Points store the effect of the shifts on gaps, see
+    `MortarPoints`.
 
     Far outside a curved facet its extrapolation is not used. In the methods that evaluate pairs,
     the number of a segment plus the number of all segments denotes the plane through the vertices

@@ -92,7 +92,7 @@ class NodalStiffness:
         """Stiffness of the owned nodes in a matrix, shape ``(n,)`` [N/m]. Collective.
 
         Nodes without unknown displacements have the mean of their body, in axisymmetric meshes
-        scaled with the radius, or the mean of all nodes if the body has no stiffness.
+        scaled with the radius. If the body has no stiffness, they have the mean of all nodes.
         """
         num_free = self._is_free.sum(axis=1)
         mean = np.where(self._is_free, rows.diagonal(), 0.0).sum(axis=1) / np.maximum(num_free, 1)

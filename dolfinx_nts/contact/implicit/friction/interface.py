@@ -17,9 +17,9 @@ __all__ = ["Friction"]
 class Friction:
     """Tangential forces of the nodes of a pair. This base class has none.
 
-    Methods are local unless noted. In them ``pairs`` are the pairs of ``m`` of the ``n`` nodes of
-    the surface, ``node`` the indices of these nodes, shape ``(m,)``, and ``active`` flags the pairs
-    that transmit force, shape ``(m,)``.
+    Methods are local unless noted. Common arguments: ``pairs`` are the pairs of ``m`` of the ``n``
+    nodes of the surface; ``node`` are indices of these nodes, shape ``(m,)``; ``active`` are flags
+    of pairs that transmit force, shape ``(m,)``.
 
     Args:
         state: State of the contact pair.

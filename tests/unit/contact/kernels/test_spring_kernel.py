@@ -109,9 +109,9 @@ def test_arrays_of_springs_must_fit():
     beyond = np.array([9], dtype=np.int32), np.array([0], dtype=np.int32), np.ones(1)
     with pytest.raises(ValueError, match="number: expected numbers of nodes"):
         _kernels.contact_of_springs(springs, 1, 9, *beyond, key, np.ones(1))
-    with pytest.raises(ValueError, match="rows of du"):
+    with pytest.raises(ValueError, match="row numbers of du"):
         _kernels.work_by_cause(springs, springs, np.zeros((1, 3)), np.zeros((2, 3)), np.empty(0))
-    with pytest.raises(ValueError, match="rows of dissipation"):
+    with pytest.raises(ValueError, match="row numbers of dissipation"):
         late = _kernels.Springs(node + 1, key, dofs, force, energy)
         _kernels.work_by_cause(springs, late, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(1))
 
@@ -179,5 +179,5 @@ def test_rows_that_repeat_are_all_added(rng):
     np.add.at(expected, rows, values)
     _kernels.add_rows(total[:4], total[4:], rows, values)
     np.testing.assert_allclose(total, expected)
-    with pytest.raises(ValueError, match="rows of total"):
+    with pytest.raises(ValueError, match="row numbers of total"):
         _kernels.add_rows(total[:4], total[4:], rows + 1, values)

@@ -82,7 +82,7 @@ def test_wrong_lists_and_vectors_are_refused(rng):
         ({"start": start - [0, 0, 0, 0, 0, 1]}, lists),
         ({"start": np.array([0, 3, 3, 40, 52, 55])}, lists),
         ({"start": np.array([0, 33, 3, 40, 52, 55])}, lists),
-        ({"rank": rank + 1}, "rank: expected 0, 1 or all"),
+        ({"rank": rank + 1}, "rank: expected 0, 1 or the number of components"),
         ({"normal": arrays["normal"][:, :2].copy()}, "slopes: expected shape"),
         ({"gradients": arrays["gradients"][:-1]}, "a block for each entry of nodes"),
         ({"columns": arrays["columns"][:-1]}, "a block for each entry of nodes"),
