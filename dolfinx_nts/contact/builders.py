@@ -105,12 +105,12 @@ def all_pairs(
     the coarser half; further pairs divide each half again. Of two meshes whose facets differ by
     less than half, the mesh of a body fifteen times as stiff counts as coarser: its nodes would
     have alternating pressures, and its vertices would penetrate between the nodes of the softer
-    body. Rigid bodies provide segments, and so do round bodies fifteen times as stiff. They provide
-    nodes if facets of the soft bodies cover more than a quarter radian of their round surface, and
-    would only see a mean gap there; nodes of rigid bodies then have node-to-segment contact.
-    Bodies that share nodes count as one; a warning names bodies that share nodes but no facet.
-    There is one pair for each obstacle, and one for each self contact. The name of a pair of two
-    bodies contains their names; pairs of more bodies are numbered. Names depend neither on
+    body. Rigid bodies, and round bodies fifteen times as stiff, provide segments. They provide
+    nodes instead if a facet of the soft bodies covers more than a quarter radian of their round
+    surface, as it would only see a mean gap there; nodes of rigid bodies then have node-to-segment
+    contact. Bodies that share nodes count as one; a warning names bodies that share nodes but no
+    facet. There is one pair for each obstacle, and one for each self contact. The name of a pair of
+    two bodies contains their names; pairs of more bodies are numbered. Names depend neither on
     stiffness nor on facet sizes. The pairs are logged, and `Diagnostics.between` has the forces
     between any two bodies.
 

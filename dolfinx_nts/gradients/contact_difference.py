@@ -142,9 +142,9 @@ class ContactDifference:
         return ContactResult(force, history, released, energy)
 
     def curvature(self, ahead: Floats, behind: Floats) -> float:
-        """Largest distance of the force of the step from the mean of two, each ``(n, d)`` [N].
+        """Largest distance of the force of the step from the mean of two forces, ``(n, d)`` [N].
 
-        The forces are those for perturbations of both signs.
+        The two forces belong to perturbations of opposite signs.
         """
         error = float(np.abs((ahead + behind) / 2 - self._force).max(initial=0.0))
         return reductions.largest(self._scatter.index_map.comm, error)

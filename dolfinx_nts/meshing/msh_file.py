@@ -239,7 +239,7 @@ _READERS = {
     b"Entities": (_Content.read_entities, None),
     b"Nodes": (_Content.read_nodes_4, _Content.read_nodes_2),
     b"Elements": (_Content.read_elements_4, _Content.read_elements_2),
-}  # by section: of format 4.1, of format 2
+}  # readers by section, of format 4.1 and of format 2
 
 
 def _parsed(data: bytes) -> Elements:

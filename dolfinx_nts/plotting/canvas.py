@@ -73,7 +73,7 @@ _BAR = {
 # Left, lower, right and upper end of the axes, below the bar and outside of the bodies.
 _TRIAD = (0.85, 0.0, 0.99, 0.2)
 _TEXT = 14  # size of the text in a corner
-_LABELS = 5  # of the bar, where the range is given
+_LABELS = 5  # number of labels of the bar, if the range is given
 _ABOVE = "magenta"  # colour of values above the range
 _LINE = 24  # width of coloured lines [pixels]
 _BEHIND = 1e-3  # distance from lines to the bodies behind them, relative to the bodies [-]

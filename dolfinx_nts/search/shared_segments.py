@@ -25,7 +25,7 @@ class SharedSegments:
     """
 
     def __init__(self, num_nodes: int) -> None:
-        """Start with one segment for each node."""
+        """Initially give each node one segment."""
         self.many: Flags = np.zeros(num_nodes, dtype=bool)
         self.node: Ints = np.empty(0, dtype=np.int32)
         self.segment: Ints = self.node

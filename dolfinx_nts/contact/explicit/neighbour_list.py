@@ -1,7 +1,7 @@
 """Neighbour list of explicit steps: nodes of a pair that may touch within the next steps.
 
 As in molecular dynamics (Verlet), the list has a margin and is rebuilt when nodes and segments
-may have approached each other by most of it.
+may have approached each other by most of the margin.
 """
 
 from collections.abc import Sequence

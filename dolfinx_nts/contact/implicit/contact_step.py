@@ -176,7 +176,7 @@ class ContactStep:
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
         self.count_active(pairs.node)
-        if iteration == 0:  # without a previous one the set of active pairs is new
+        if iteration == 0:  # there is no previous active set
             changed = int(np.count_nonzero(self.normal.active[pairs.node]))
         dim = self._unknown.dim
         contribution = contribution_of(pairs, self.normal, self.friction, dim, changed)

@@ -136,7 +136,7 @@ def _fits(near: NearFacets, inside: Ints) -> tuple[Ints, Floats, Floats]:
         slight = np.broadcast_to(_SLIGHTLY * np.eye(5)[2:], (len(some), 3, 5))
         fit = np.linalg.pinv(np.concatenate([A, slight], axis=1))[:, :2, :m] / size[:, None]
         around[some, :m], weights[some, :, :m] = nodes, fit
-    weights[:, :, -1] = -weights.sum(axis=2)  # of the node itself
+    weights[:, :, -1] = -weights.sum(axis=2)  # weight of the node itself
     return around, weights, frames
 
 

@@ -53,7 +53,7 @@ class ContactComplement:
         # columns, so a resumed run must use the same batches.
         self._batches: list[GlobalInts] = []
         self._version = -1  # version of the factors that gave the columns
-        self._columns: list[Floats] = []  # of owned dofs, shape (d n, d k) for k nodes of a batch
+        self._columns: list[Floats] = []  # by batch of k nodes, each of shape (d n, d k)
         self._flexibility: Floats = np.empty((0, 0))  # shape (d k, d k)
         self._reached: Array = np.empty(0, dtype=np.int64)  # columns of the current contacts
         self._response: Floats = np.empty((0, 0))  # maps U^T z_0 to the force C s + F lambda

@@ -26,7 +26,7 @@ class EliminatedDofs:
         self._last: dict[bool, tuple[Ints, Floats, NodalSystem]] = {}
 
     def take(self, dofs: Ints) -> "EliminatedDofs":
-        """Copy for other pairs, whose nodes have the shape ``(m, d)``."""
+        """Copy of this object for other pairs, with their nodes, ``(m, d)``."""
         return self if dofs is self._dofs else EliminatedDofs(self._candidates, self._free, dofs)
 
     def system(

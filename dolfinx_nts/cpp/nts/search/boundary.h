@@ -141,7 +141,7 @@ private:
   /// @brief Box with a margin far larger than round-off.
   static Box around(Box box) noexcept
   {
-    constexpr double margin = 1e-9; // of the longest side
+    constexpr double margin = 1e-9; // relative to the longest side
     box.widen(margin * std::ranges::max(box.upper - box.lower));
     return box;
   }

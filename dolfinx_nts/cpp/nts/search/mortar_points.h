@@ -68,7 +68,7 @@ struct MortarPoints
 struct Ends
 {
   std::span<const double> X;          ///< reference, of nodes of facets, (l, 3)
-  std::span<const double> x_n;        ///< at t_n, the same
+  std::span<const double> x_n;        ///< of the same nodes at t_n
   std::span<const double> segments_n; ///< at t_n, of vertices of segments
   std::span<const double> thickness;  ///< of cells at segments, (s,) [m]
   bool are_rings;  ///< whether the mesh is axisymmetric about x = 0

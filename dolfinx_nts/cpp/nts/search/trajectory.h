@@ -18,7 +18,7 @@ struct Trajectory
   std::int32_t entered = -1; ///< segment that it enters, or -1
   bool leaves = false;       ///< whether it leaves again
   double begin = 0;          ///< time when it enters, -1 if it starts inside
-  double length = 0;         ///< below the surface, relative to it [m]
+  double length = 0;         ///< path below the moving surface [m]
   double cosine = 1;         ///< between the normals at entry and exit [-]
   double gap = NAN; ///< at the end, to the plane of the segment entered [m]
 };
@@ -267,6 +267,6 @@ private:
 
   const MovingSurface& _surface;
   Tree _tree;
-  std::vector<Crossing> _crossings; // of the last node
+  std::vector<Crossing> _crossings; // crossings of the last node
 };
 } // namespace nts
