@@ -98,7 +98,7 @@ class BodyForces:
 
     @staticmethod
     def _opposite_bodies(contact: PairState, keys: Array, bodies: Array) -> Array:
-        """Body of the segment of each node, or -1, ``(n,)``; arguments as in `_segments`. Local."""
+        """Body of each node's segment, or -1, by keys and bodies of segments, ``(n,)``. Local."""
         key = contact.history.key
         if np.all(bodies == bodies[0]):
             return np.full(len(key), bodies[0])

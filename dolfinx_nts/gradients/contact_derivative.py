@@ -89,7 +89,7 @@ class _Blocks:
         self._scatter, self._nodes, self._values = scatter, nodes, values
 
     def add_product(self, total: Floats, vector: Floats, *, transposed: bool = False) -> None:
-        """Add the product with a nodal vector ``(l, 3)`` to one of the owned nodes, ``(n, 3)``."""
+        """Add the product with a nodal vector ``(l, 3)`` to a vector of owned nodes, ``(n, 3)``."""
         indices = "pji,pj->pi" if transposed else "pij,pj->pi"
         at = vector[self._nodes].reshape(self._values.shape[:2])
         product = np.einsum(indices, self._values, at)

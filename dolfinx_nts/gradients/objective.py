@@ -180,7 +180,7 @@ class Objective:
             return None
         if not isinstance(term, ufl.Form | Expr):
             raise TypeError(
-                "expected a form, a scalar of the forces or None from the objective, given "
+                "expected the objective to return a form, a scalar of the forces or None, given "
                 f"{kind_of(term)}"
             )
         if term not in self._terms:

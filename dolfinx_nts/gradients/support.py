@@ -88,7 +88,7 @@ def check_resisted(relief: InertiaRelief) -> None:
     if len(relief.loads):
         names = "; ".join(map(str, relief.bodies))
         raise ValueError(
-            "expected bodies whose rigid motions supports or contact resist for gradients, given "
+            "expected, for gradients, supports or contact that resist all rigid motions, given "
             f"{names} in statics with {len(relief.loads)} free motions: add bcs or friction "
             "against them"
         )

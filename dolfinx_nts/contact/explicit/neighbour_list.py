@@ -190,7 +190,7 @@ class NeighbourList:
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
             segment: Segments of the rows or -1, shape ``(c,)``.
-            gap: Gaps to these minus those at which springs begin, shape ``(c,)`` [m].
+            gap: Gaps to these segments minus ``begin_at``, shape ``(c,)`` [m].
             begin_at: Gaps at which springs begin, shape ``(c,)`` [m].
             dt: Length of the step [s].
 
@@ -292,7 +292,7 @@ class NeighbourList:
     def _stiffness(self, node: Ints, fraction: Floats) -> Floats:
         """Stiffness of the springs of some nodes up to their soft depth, ``(m,)`` [N/m]. Local.
 
-        ``fraction`` is the fraction that acts of the stiffness of cells at all nodes, ``(n,)``.
+        ``fraction`` is the active fraction of the stiffness of cells, at all nodes, ``(n,)`` [-].
         """
         eps_N = self._state.eps_N
         assert eps_N is not None

@@ -30,7 +30,7 @@ _NUM_NODES = 4
 # Relative step of the differences [-], and their admissible relative errors: of second order if
 # one-sided differences enclose the derivative, and by round-off of the limit [-].
 _PART, _DEVIATION, _ROUND_OFF = 1e-4, 1e-5, 1e-14
-# Names of what a law returns.
+# Names of the results of a law.
 _NAMES = "limit", "derivative with respect to p", "derivative with respect to slip"
 
 

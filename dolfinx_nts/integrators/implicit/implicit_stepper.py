@@ -362,8 +362,8 @@ class ImplicitStepper(Stepper):
         if self._comm.rank == 0:
             _logger.warning(
                 "step %d to t = %g has no solution with contact of the vertices on edges and "
-                "corners: those between %s are free and may penetrate between nodes, until "
-                "their contact is tried again in a later step; smaller facets there help",
+                "corners: vertices between %s have no contact in it, and may penetrate between "
+                "nodes; a later step tries their contact again; smaller facets there help",
                 *(self.step + 1, self.t + self._dt, ", ".join(between)),
             )
 

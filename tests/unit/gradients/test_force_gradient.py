@@ -233,5 +233,5 @@ def test_wrong_forces_are_refused(comm, refused):
         gradient(lambda t, force: force, moved).value()
     with refused(ValueError, r"a scalar of forces and Constants, .* shape \(\) with Function"):
         gradient(lambda t, force: force[0] * stepper.u[0], moved).value()
-    with refused(TypeError, "expected a form, a scalar of the forces or None"):
+    with refused(TypeError, "return a form, a scalar of the forces or None"):
         gradient(lambda t, force: float(force.value[0]), moved).value()
