@@ -180,8 +180,8 @@ class Penalty(Declaration):
       whichever is softer. It does not depend on the length of the steps, so that steps that resolve
       a cell are of second order in time. Under the pressure of plane waves, rho c v/2 where equal
       bodies meet at a speed v, springs are compressed by 5/3 of the compression of a cell. Beyond
-      one and a half times this compression they are ten times as stiff, and beyond one and a half
-      times that a hundred times: the first slope stops an arriving node, the others carry larger
+      one and a half times this compression they are ten times as stiff, and beyond 2.25 times this
+      compression a hundred times: the first slope stops an arriving node, the others carry larger
       loads. Where nodes arrive slowly, springs have the last slope nearly from the start.
     - In statics it is ten times the static stiffness of the softer node.
     - Between bodies that do not deform it is half the mass of the lighter one divided by the square

@@ -37,7 +37,7 @@ class Evaluation:
         self._whole = parts[expression]
 
     def value(self, numbers: Mapping[Any, Any]) -> float:
-        """Value of the expression for values by constant.
+        """Value of the expression for given values of its constants.
 
         Raises:
             ArithmeticError, TypeError, ValueError: The expression has no value.

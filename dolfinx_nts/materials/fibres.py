@@ -158,7 +158,7 @@ class HolzapfelGasserOgden(Hyperelastic):
 
 
 def _names(number: int) -> list[str]:
-    """Names of the components of a direction among the parameters."""
+    """Names of the parameters that hold the components of a direction."""
     return [f"fibre_{number}_{axis}" for axis in "xyz"]
 
 

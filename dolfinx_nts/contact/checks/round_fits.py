@@ -74,7 +74,7 @@ class _Places:
 
 
 def warn_of_round_fits(pairs: Sequence[ContactPair], bodies: Sequence[Body]) -> None:
-    """Warn of round bodies in each other whose gap is not resolved by their facets. Collective.
+    """Warn of round bodies inside each other whose facets do not resolve the gap. Collective.
 
     Facets are chords of the round surfaces: the gap of a pin in a hole varies along each facet,
     unless the nodes of both lie opposite each other. Bodies fit if a connected arc of facets of one
