@@ -103,11 +103,11 @@ def _checked(pair: ContactPair, within: float) -> float:
     meet(comm, f"close the gaps between {pair.between} within {within!r} m")
     if not isinstance(pair.segments, Surface) or pair.touches_itself:
         raise ValueError(
-            f"expected a pair of two surfaces to close the gaps between, given {pair.between}"
+            f"expected a pair of two surfaces, whose gaps can be closed, given {pair.between}"
         )
     if isinstance(pair.segments.smooth, RigidSphere):
         raise ValueError(
-            "expected segments with flat or smooth facets to close the gaps between, given "
+            "expected segments with flat facets or smooth=True, whose gaps can be closed, given "
             f"{pair.segments.smooth!r}"
         )
     if is_in_use(pair):

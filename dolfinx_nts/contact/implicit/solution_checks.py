@@ -56,7 +56,7 @@ _OPEN = 1e-3
 _CONE, _PARALLEL = 1e-3, 0.05
 # Admissible error of a multiplier relative to the residual norm [-].
 _NOISE = 10
-# Text on nodes that penetrate without force, with their depth, and its cause.
+# Text on nodes that penetrate without force, with the largest depth [m], and the cause.
 _INSIDE = "are inside the other surface without contact force, up to {:.3g} m deep,"
 _FARTHER = "they moved farther than the search expected"
 # Slip relative to the longest segment [-] below which round-off determines its direction.

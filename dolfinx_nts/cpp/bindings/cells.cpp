@@ -123,7 +123,7 @@ private:
   Doubles _X;
   Ints _vertices, _nodes;
   std::vector<Doubles> _functions, _constants;
-  std::vector<Gathered> _gathered; // views of them
+  std::vector<Gathered> _gathered; // views of _functions
   Rounded _rounded;
   Ints _places, _rows;
   std::size_t _width, _components, _length, _num_nodes = 0, _num_rows = 0;

@@ -182,7 +182,7 @@ class MortarSearch(FacetSearch):
 
     @cached_property
     def _neighbours(self) -> tuple[Ints, Ints]:
-        """Numbers of nodes, and each node on their facets as a node of the map, ``(p,)``. Local."""
+        """Pairs of a node and a node of the map on its facets, as two arrays ``(p,)``. Local."""
         number = np.full(self._near.num_local, -1)
         number[self._nodes.nodes] = np.arange(len(self._nodes.nodes))
         k = self._near_facets.shape[1]
