@@ -222,8 +222,8 @@ def _loaded(library: _Library) -> ctypes.CDLL:
 
     Raises:
         OSError: There is no compiler, or the library cannot be loaded.
-        ValueError: FFCx's code does not have the expected form. subprocess.CalledProcessError: The
-            compiler rejects the source.
+        ValueError: FFCx's code does not have the expected form.
+        subprocess.CalledProcessError: The compiler rejects the source.
     """
     if not library.path.exists():
         (_at_work.pop(library.path, None) or _Compilation(library)).finish()

@@ -100,7 +100,7 @@ def _stride(found: re.Match[str]) -> str:
 
 
 def _kinds(body: str) -> dict[str, tuple[str, str]]:
-    """Factorised quantity, a value or a derivative, that belongs to each known table."""
+    """Known tables by name: class of the factorised functions, and value or derivative."""
     kinds = {}
     for table, count, text in _TABLE.findall(body):
         numbers = np.array([float(number) for number in _NUMBER.findall(text)])

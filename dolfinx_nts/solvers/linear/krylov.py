@@ -80,7 +80,7 @@ class KrylovFailures:
         return is_left_out
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the numbers. Collective."""
+        """Serialize the numbers of failures and of systems to skip. Collective."""
         numbers = archive.same("hopeless_systems", np.array([self._in_a_row, self._left]))
         if archive.restores:
             self._in_a_row, self._left = map(int, numbers)
