@@ -242,7 +242,7 @@ def modules_loaded_once() -> Iterator[None]:
 
     Otherwise FFCx lists all files of its cache, which may be thousands, twice for each form.
     """
-    # Needed for all releases so far. Drop this when a release makes it unnecessary.
+    # All releases of FFCx so far need this. Remove it when one does not.
     jit: Any = import_module("ffcx.codegeneration.jit")
     look_up: Any = getattr(jit, "get_cached_module", None)
 

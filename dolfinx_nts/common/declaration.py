@@ -23,7 +23,7 @@ class _FreezingMeta(ABCMeta):
 
     @property
     def __signature__(cls) -> Signature:
-        """Arguments of ``__init__``, which ``help`` shows instead of those of `__call__`."""
+        """Arguments of ``__init__``, which ``help`` shows instead of arguments of `__call__`."""
         make = type.__getattribute__(cls, "__init__")
         if make is object.__init__:
             return Signature()

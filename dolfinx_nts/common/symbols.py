@@ -30,7 +30,7 @@ def call_with_symbols(
     """Call a user's function of UFL expressions. Local.
 
     Args:
-        what: What the function returns, for messages.
+        what: Name of the result of the function, for messages.
         function: The function.
         *arguments: Its arguments, of which some contain the symbol.
         symbol: The symbol.
@@ -39,8 +39,8 @@ def call_with_symbols(
         Its result.
 
     Raises:
-        TypeError, ValueError: The function has failed with such an error, or takes the number of
-            the symbol.
+        TypeError, ValueError: The function has failed with such an error, or converts the symbol to
+        a number.
     """
     hint = (
         f"{what} is a UFL expression of its arguments: instead of functions of math and NumPy, "
@@ -52,7 +52,7 @@ def call_with_symbols(
     except (TypeError, ValueError) as error:
         failure = error
     if symbol.was_taken:
-        raise TypeError(f"expected no Python number of an argument; {hint}") from failure
+        raise TypeError(f"expected no conversion of an argument to a number; {hint}") from failure
     if failure is not None:
         raise type(failure)(f"{failure} ({hint})") from failure
     return result

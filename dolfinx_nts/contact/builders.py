@@ -39,8 +39,8 @@ __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Exponent of the stiffness in the coarseness of bodies [-], and largest factor by stiffness. Size
-# has priority, since small segments pass between the nodes of larger facets.
+# Exponent of the stiffness in the coarseness of bodies, and largest factor due to stiffness [-].
+# Size has priority, since small segments pass between the nodes of larger facets.
 _BY_STIFFNESS, _SIMILAR = 0.15, 1.5
 
 
@@ -105,14 +105,14 @@ def all_pairs(
     the coarser half; further pairs divide each half again. Of two meshes whose facets differ by
     less than half, the mesh of a body fifteen times as stiff counts as coarser: its nodes would
     have alternating pressures, and its vertices would penetrate between the nodes of the softer
-    body. Rigid bodies provide segments, and so do round bodies fifteen times as stiff. They provide
-    nodes if facets of the soft bodies cover more than a quarter radian of their round surface, and
-    would only see a mean gap there; nodes of rigid bodies then have node-to-segment contact.
-    Bodies that share nodes count as one; a warning names bodies that share nodes but no facet.
-    There is one pair for each obstacle, and one for each self contact. The name of a pair of two
-    bodies contains their names; pairs of more bodies are numbered. Names depend neither on
+    body. Rigid bodies, and round bodies fifteen times as stiff, provide segments. They provide
+    nodes instead if a facet of the soft bodies covers more than a quarter radian of their round
+    surface, as it would only see a mean gap there; nodes of rigid bodies then have node-to-segment
+    contact. Bodies that share nodes count as one; a warning names bodies that share nodes but no
+    facet. There is one pair for each obstacle, and one for each self contact. The name of a pair of
+    two bodies contains their names; pairs of more bodies are numbered. Names depend neither on
     stiffness nor on facet sizes. The pairs are logged, and `Diagnostics.between` has the forces
-    between each two bodies.
+    between any two bodies.
 
     Args:
         bodies: Bodies of one space.
@@ -217,7 +217,7 @@ def _coarseness(
     surface: Callable[..., Surface],
     method: Method | None,
 ) -> tuple[dict[int, float], set[int]]:
-    """Sizes of the facets of groups of bodies, larger for those that are to give segments.
+    """Sizes of the facets of groups of bodies, increased if a group should provide segments.
 
     Collective.
 
@@ -324,7 +324,7 @@ def _exterior_facets(V: fem.FunctionSpace, cells: Ints) -> Ints:
 
 
 def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:
-    """Recursive bisections of a list: each two items are separated exactly once."""
+    """Recursive bisections of a list, which separate any two items exactly once."""
     if len(items) > 1:
         middle = len(items) // 2
         yield items[:middle], items[middle:]

@@ -36,9 +36,9 @@ SOFT = 5 / 3
 # small; smaller (1.2: 1.4 %): vibration exceeds that pressure, and would persist where springs are
 # stiff.
 _BEYOND_WAVES = 1.5
-# Largest height of a layer relative to the thickness of the other body [-]. Larger: nodes sink
-# through sheets under smaller loads, with 3 where layers are compressed by a tenth; smaller:
-# springs are stiffer than the cells, and scatter, between bodies of few cells.
+# Largest height of a layer relative to the thickness of the other body [-]. Larger: nodes pass
+# through thin sheets under smaller loads: with 3, as soon as layers are compressed by a tenth.
+# Smaller: springs are stiffer than the cells, and scatter, between bodies of few cells.
 _THICK = 3.0
 # Relative difference of layers that counts as zero [-], larger than round-off.
 _EQUAL = 1e-6
@@ -72,7 +72,7 @@ class Layers:
     of_segments: Floats
     varies: bool
     least_height: Floats
-    # Values at the nodes of a map, kept while the candidates have this map.
+    # Cached values at the nodes of an index map, valid while the candidates use this map.
     _there: tuple[NodalScatter, Floats] | None = field(default=None, init=False, repr=False)
 
     @classmethod
@@ -119,7 +119,7 @@ class Layers:
 
     @classmethod
     def joint(cls, parts: Sequence["Layers"]) -> "Layers":
-        """Layers of several pairs, node by node. Local."""
+        """Layers of several pairs, concatenated in the order of their nodes. Local."""
         names = ("area", "own", "least", "segment_nodes", "of_segments", "least_height")
         area, own, least, nodes, values, least_height = (
             np.concatenate([getattr(part, name) for part in parts]) for name in names
@@ -131,7 +131,7 @@ class Layers:
     def serialized(
         cls, archive: Archive, name: str, pair: ContactPair, layers: "Layers | None"
     ) -> "Layers | None":
-        """The layers of a pair, or those of the archive when it is read. Collective."""
+        """Serialize the layers of a pair; returns the stored ones while restoring. Collective."""
         if not archive.same(f"{name}_exist", layers is not None):
             return None
         m, segments = len(pair.nodes.nodes), pair.segments
@@ -160,7 +160,8 @@ class Layers:
     def stiffness(self, *, in_series: bool = False) -> Floats:
         """Largest stiffness, of the least layers of both sides, ``(m,)`` [N/m]. Local.
 
-        It is that of the softer layer, or of both layers in series; infinite where nothing deforms.
+        It is the stiffness of the softer layer, or of both in series; infinite where nothing
+        deforms.
         """
         with np.errstate(divide="ignore"):
             stiffness: Floats = self.area / self._least_compression(in_series)

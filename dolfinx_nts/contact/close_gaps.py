@@ -41,10 +41,10 @@ _ROUND_OFF = 1e-14
 def close_gaps(pair: ContactPair, within: float) -> tuple[int, float]:
     """Move nodes of a pair onto the adjacent segments, without stress. Collective.
 
-    Nodes with a gap of at most ``within`` in magnitude are moved along the normal of the segment,
-    in the mesh itself (``mesh.geometry.x``), so that the undeformed bodies touch there. Segments
-    are not moved. Call it after the pair and before steppers are created: areas and cell heights
-    that surfaces have already computed are not updated. The result is logged.
+    Nodes with a gap of at most ``within`` in magnitude are moved along the normal of the segment.
+    The mesh itself changes (``mesh.geometry.x``), so that the undeformed bodies touch there.
+    Segments are not moved. Call it after the pair and before steppers are created: areas and cell
+    heights that surfaces have already computed are not updated. The result is logged.
 
     Args:
         pair: Pair of two surfaces that no stepper uses yet.
@@ -103,11 +103,11 @@ def _checked(pair: ContactPair, within: float) -> float:
     meet(comm, f"close the gaps between {pair.between} within {within!r} m")
     if not isinstance(pair.segments, Surface) or pair.touches_itself:
         raise ValueError(
-            f"expected a pair of two surfaces to close the gaps between, given {pair.between}"
+            f"expected a pair of two surfaces, whose gaps can be closed, given {pair.between}"
         )
     if isinstance(pair.segments.smooth, RigidSphere):
         raise ValueError(
-            "expected segments with flat or smooth facets to close the gaps between, given "
+            "expected segments with flat facets or smooth=True, whose gaps can be closed, given "
             f"{pair.segments.smooth!r}"
         )
     if is_in_use(pair):

@@ -75,8 +75,8 @@ class LagrangeMultiplier(Declaration):
             )
         if (impact == "restitution") != (e is not None):
             raise ValueError(
-                "expected a coefficient e with impact 'restitution' and with no other, given "
-                f"impact {impact!r} and e = {e!r}"
+                "expected a coefficient e with impact 'restitution', and with no other impact, "
+                f"given impact {impact!r} and e = {e!r}"
             )
         if e is not None and not 0 <= finite("e", e) <= 1:
             raise ValueError(f"expected a coefficient of restitution e from 0 to 1, given {e}")
@@ -180,16 +180,16 @@ class Penalty(Declaration):
       whichever is softer. It does not depend on the length of the steps, so that steps that resolve
       a cell are of second order in time. Under the pressure of plane waves, rho c v/2 where equal
       bodies meet at a speed v, springs are compressed by 5/3 of the compression of a cell. Beyond
-      one and a half times this compression they are ten times as stiff, and beyond one and a half
-      times that a hundred times: the first slope stops an arriving node, the others carry larger
+      one and a half times this compression they are ten times as stiff, and beyond 2.25 times this
+      compression a hundred times: the first slope stops an arriving node, the others carry larger
       loads. Where nodes arrive slowly, springs have the last slope nearly from the start.
     - In statics it is ten times the static stiffness of the softer node.
     - Between bodies that do not deform it is half the mass of the lighter one divided by the square
       of the first step; a body that strikes at one point then penetrates by about its motion in one
       or two steps. In statics it is ten times the stiffness of the stiffest deformable node.
-    - In `CentralDifference` it is 3/5 of that of the layers of cells of both sides in series, and
-      up to two and a half times as much beyond one and a half times the pressure of plane waves,
-      as far as the length of the steps allows.
+    - In `CentralDifference` it is 3/5 of the stiffness of the layers of cells of both sides in
+    series. Beyond one and a half times the pressure of plane waves it is up to two and a half times
+    as large, as far as the length of the steps allows.
 
     A surface with all displacements prescribed counts as rigid.
 

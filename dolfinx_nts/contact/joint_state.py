@@ -75,10 +75,10 @@ class JointState(NodesOfPairs):
         searches = [cast(GlobalSearch, state.search) for state in states]
         self.search = JointSearch(self.nodes.V.mesh.comm, searches, shorter)
         self.facets = JointFacets([state.facets for state in states])
-        # Accepted histories of the pairs of which `_history` was joined.
+        # Accepted histories of the single pairs, from which `_history` was joined.
         self._accepted: list[ContactHistory | Callable[[], ContactHistory]] = []
         self._history: ContactHistory
-        # Layers of the pairs, and joined.
+        # Layers of the single pairs, and joint layers of all pairs.
         self._parts: list[Layers] = []
         self._layers: Layers | None = None
 
@@ -141,7 +141,7 @@ def members(state: PairState | JointState) -> tuple[PairState, ...]:
 
 
 def _kind(state: PairState) -> Hashable:
-    """Key that is equal for pairs that can be joined; None for single pairs."""
+    """Key, equal for pairs that can be evaluated together; None for pairs that cannot be joined."""
     pair, search = state.pair, state.search
     # Other pairs have a special search or elimination.
     alone = is_resolved(pair) or isinstance(pair.enforcement, Tied)

@@ -1,4 +1,4 @@
-"""Nodes of contact pairs in joint arrays."""
+"""Nodes of several contact pairs in common arrays."""
 
 from collections.abc import Sequence
 

@@ -262,7 +262,7 @@ class ContactPair(Declaration):
         return None if len(own) == len(nodes) else np.searchsorted(own, nodes).astype(np.int32)
 
     def _at_nodes(self, state: AcceptedContact, values: Floats, otherwise: float) -> Floats:
-        """Values of a state at all nodes, ``(n,)``; ``otherwise`` at nodes that it leaves out."""
+        """Values of a state at all nodes, ``(n,)``; ``otherwise`` at nodes that are not in it."""
         if (place := self._places(state)) is None:
             return values
         of_all = np.full(len(self.nodes.nodes), otherwise)
@@ -366,7 +366,7 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
         raise ValueError(
             "expected surfaces without common nodes in a contact pair, or the same surface "
             f"twice, given {shared} nodes on both sides, where bodies are bonded: leave the facets "
-            "with these out of one surface, as boundary_of(body, where=...) does"
+            "with these nodes out of one surface, as boundary_of(body, where=...) does"
         )
     sine = sharpest_corner(segments)
     if sine < _SHARP and comm.rank == 0:

@@ -87,7 +87,7 @@ class PairState(Tractions, NodesOfPairs):
         self.passes.join(pair, self._forces_on_segments)
         if isinstance(self.search, GlobalSearch):
             self.search.in_dents = isinstance(pair.enforcement, Penalty)
-        # A separate search for `gap`, which must not change the candidates of steps.
+        # Separate search for the method `gap`, which must not change the candidates of steps.
         self._far_search = _search(pair)
         self._least_depth = self._extended_depth()
         self.set_initial_depth(0.0)
@@ -188,11 +188,11 @@ class PairState(Tractions, NodesOfPairs):
                 `spring_stiffness`: the static one, and that of springs between nodes and segments
                 that both do not deform. Called only if a default is needed.
             stiffer: Stiffness of springs relative to their nodes [-].
-            cells: Returns the P-wave modulus of the owned nodes of the space, infinite at
-                prescribed displacements and in rigid bodies, shape ``(n,)`` [Pa], the density,
-                ``(n,)`` [kg/m^3], and the ratio of shear to P-wave modulus, ``(n,)`` [-]. With
-                these, the default stiffness of springs follows from the cells where they deform;
-                without, from the nodes.
+            cells: Returns three values of the owned nodes of the space, each of shape ``(n,)``:
+                P-wave modulus, infinite at prescribed displacements and in rigid bodies [Pa];
+                density [kg/m^3]; and ratio of shear to P-wave modulus [-]. With these, the default
+                stiffness of springs follows from the cells where they deform; without, from the
+                nodes.
         """
         if self._ranges is not None:
             return
@@ -207,9 +207,10 @@ class PairState(Tractions, NodesOfPairs):
                 moduli, densities, shear = cells()
                 of_cells = Layers.of(pair, moduli, densities)
                 normal = np.where(of_cells.deforms, of_cells.stiffness() / SOFT, normal)
-                # Relative to the cells as stiff as loaded normal springs: no impact arrives along
-                # the surface. Stiffer, by M/G, a sliding block that stops takes 12.5 instead of 8
-                # iterations a step; softer, slip reverses too late in an oblique impact.
+                # Relative to the cells in shear as stiff as loaded normal springs in compression,
+                # as no impact arrives along the surface. Stiffer by M/G: a sliding block that stops
+                # takes 12.5 instead of 8 iterations a step. Softer: slip reverses too late in an
+                # oblique impact.
                 along = STIFFER * self._least(shear) * normal
                 tangential = np.where(of_cells.deforms, np.fmax(along, softer), normal)
                 if _takes_default(pair):

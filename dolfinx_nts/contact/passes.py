@@ -47,10 +47,10 @@ class Passes:
         self._all: list[tuple[ContactPair, weakref.WeakMethod[_ForcesOnSegments]]] = []
 
     def sharing_bodies(self, pair: ContactPair) -> Ints | None:
-        """Body of each owned node if several bodies share the reactions to a force. Collective.
+        """Number of the body of each owned node, if several bodies share the reactions to a force.
 
-        These are segments of several bodies in mortar contact, whose nodes have several segments,
-        and edges of several bodies, which have no keys. Otherwise the result is None.
+        Several bodies share reactions in mortar contact with segments of several bodies, and in
+        contact of edges of several bodies. Otherwise the result is None. Collective.
         """
         body, segments = self._body_of_nodes, pair.segments
         if body is None or pair.method == NODES or not isinstance(segments, Surface):

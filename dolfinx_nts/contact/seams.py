@@ -1,7 +1,7 @@
 """Seams: the facets between bodies that cannot move relative to each other.
 
-Such bodies are tied, or rigid with equal guides. Nothing can touch these facets. A node that slides
-over the seam with a small penetration would get them as segments.
+Such bodies are tied, or rigid with equal guides. Nothing can touch facets on a seam, but a node
+that slides over the seam with a small penetration would get them as segments.
 """
 
 from collections.abc import Callable, Sequence
@@ -73,7 +73,7 @@ def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple
         return Surface.of(V, facets[~covered], surface.name, smooth=surface.smooth)
 
     def may_cross(pair: ContactPair) -> bool:
-        """Whether a third body may slide over seams: not in contact between fastened bodies."""
+        """Whether a pair may have a body that slides over seams: not between fastened bodies."""
         if isinstance(pair.enforcement, Tied) or pair.touches_itself:
             return False
         if not isinstance(pair.segments, Surface):

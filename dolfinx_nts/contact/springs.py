@@ -9,7 +9,7 @@ __all__ = ["STIFFER", "spring_energy", "spring_force", "spring_slopes"]
 # Stiffness of default springs beyond ``soft_depth``, relative to that below it [-].
 # Larger: more iterations; smaller: more penetration. With 1, 5, 10 and 20 the peak force of a ball
 # on a block of 6 cells is 7.2, 2.5, 1.9 and 1.5 % too small, and that of two balls of revolution
-# 11.0, 2.6, 0.7 and 0.1 %, after 3.4, 3.8, 4.0 and 4.3 Newton iterations a step.
+# 11.0, 2.6, 0.7 and 0.1 %. A step takes 3.4, 3.8, 4.0 and 4.3 Newton iterations.
 STIFFER = 10.0
 # Further springs of a node, in parallel with the first one: stiffness relative to it, and
 # compression at which they begin, relative to ``soft_depth`` [-]. Without the last one, the force

@@ -37,9 +37,9 @@ def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[
         fixed: Owned scalar dofs with a prescribed displacement.
 
     Returns:
-        The pairs; where both surfaces have facets on one plane with the same outward normal, and
-        supports fix all their nodes in this direction only, a copy of the pair without these
-        facets.
+        The pairs. A pair whose surfaces both have facets on one plane with the same outward normal
+        is replaced by a copy without these facets, if supports fix all their nodes in this
+        direction only.
     """
     if not pairs or not reductions.total(pairs[0].nodes.V.mesh.comm, len(fixed)):
         return tuple(pairs)

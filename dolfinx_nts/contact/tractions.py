@@ -61,9 +61,10 @@ class Tractions(ABC):
 
     @property
     def traction(self) -> Floats:
-        """Whole contact force per reference area of the nodes, ``(n, 3)`` [Pa]. Collective.
+        """Total contact force per reference area of the nodes, ``(n, 3)`` [Pa]. Collective.
 
-        In mortar contact all facets around the nodes count, otherwise those that face the contact.
+        In mortar contact the area is that of all facets around a node, otherwise of facets that
+        face the contact.
         """
         force = self.history.force + self._forces_of_reverse_passes(lambda history: history.force)
         return _on_facets(self.pair, force, self._facing_fractions_of_passes())
@@ -132,9 +133,9 @@ def _friction(history: ContactHistory) -> Floats:
 
 
 def _on_facets(pair: ContactPair, force: Floats, facing: Floats) -> Floats:
-    """Nodal forces per area; in mortar contact the area of all facets of a node. Collective.
+    """Nodal forces per area, in mortar contact per area of all facets of a node. Collective.
 
-    ``facing`` is the fraction of it that faces the contact, shape ``(n,)`` [-].
+    ``facing`` is the fraction of the area that faces the contact, shape ``(n,)`` [-].
     """
     return pair.nodes.per_area(force, _areas(pair, facing))
 

@@ -39,7 +39,7 @@ __all__ = [
     *("VertexState", "add_vertices", "release_vertices", "released", "vertex_tolerance"),
 ]
 
-# Number larger than all node numbers [-], and no nodes.
+# Number larger than all node numbers [-], and empty array of nodes.
 _NO_NODE, _NONE = 2**31, np.empty(0, dtype=np.int32)
 
 
@@ -220,7 +220,7 @@ def _surfaces(pair: ContactPair) -> list[Surface]:
 
 
 def _may_touch(surface: Surface, rigid: Ints) -> bool:
-    """Whether a surface has nodes, none of which belongs to excluded bodies. Collective."""
+    """Whether a surface has nodes, and no node belongs to an excluded body. Collective."""
     counts = [len(surface.nodes), np.isin(surface.nodes, rigid).any()]
     number, num_excluded = reductions.total(surface.V.mesh.comm, counts)
     return bool(number and not num_excluded)
@@ -285,7 +285,7 @@ def _meet(one: Surface | Obstacle, other: Surface | Obstacle) -> bool:
 
 
 def _ends(nodes: Ints) -> tuple[int, int]:
-    """First and last of sorted node numbers; an empty range without nodes."""
+    """First and last of sorted node numbers; without nodes an empty range."""
     return (int(nodes[0]), int(nodes[-1])) if len(nodes) else (_NO_NODE, -1)
 
 

@@ -1,4 +1,4 @@
-"""Contact forces between each two bodies, for any division into contact pairs."""
+"""Contact forces between any two bodies, for any division into contact pairs."""
 
 from mpi4py import MPI
 
@@ -27,7 +27,7 @@ class BodyForces:
         stepper: The stepper.
 
     Attributes:
-        pairs: Numbers of each two bodies with a common pair of surfaces, the lower number first, in
+        pairs: Numbers of any two bodies with a common pair of surfaces, the lower number first, in
             ascending order.
     """
 
@@ -98,7 +98,7 @@ class BodyForces:
 
     @staticmethod
     def _opposite_bodies(contact: PairState, keys: Array, bodies: Array) -> Array:
-        """Body of the segment of each node, or -1, ``(n,)``; arguments as in `_segments`. Local."""
+        """Body of each node's segment, or -1, by keys and bodies of segments, ``(n,)``. Local."""
         key = contact.history.key
         if np.all(bodies == bodies[0]):
             return np.full(len(key), bodies[0])

@@ -129,7 +129,7 @@ class ContactDiagnostics:
             self._shared = None
 
     def _now(self) -> CurrentState:
-        """The current state."""
+        """Cache of the current state."""
         if self._shared is None or self._shared.step != self.stepper.step:
             return CurrentState(self.stepper)
         return self._shared
@@ -184,7 +184,7 @@ class ContactDiagnostics:
         return ByName("obstacle", names, balances)
 
     def between(self) -> dict[str, Floats]:
-        """Contact forces between each two bodies in the last step, by their names [N].
+        """Contact forces between any two bodies in the last step, by their names [N].
 
         The key ``left_ball`` has the force on ``left`` by ``ball``, summed over all pairs of
         surfaces. Bodies are in the order in which the stepper has them, so that neither key nor
@@ -244,7 +244,7 @@ class ContactDiagnostics:
         overlap with a `RigidSurface` is searched to a depth of half a facet.
 
         Returns:
-            One `Overlap` for each two bodies, empty if bodies only touch.
+            One `Overlap` for any two bodies that overlap; empty if bodies only touch.
         """
         return self.stepper.watch.overlaps.search.find(self.stepper.x, t=self.stepper.t)[0]
 

@@ -59,5 +59,5 @@ class CurrentState:
 
     @cached_property
     def _pressed(self) -> Sequence[tuple[Floats, Floats]]:
-        """Results of `pressure_and_further_area` for each pair."""
+        """Results of `pressure_and_further_area`, pair by pair."""
         return [pressure_and_further_area(contact) for contact in self.stepper.contacts]

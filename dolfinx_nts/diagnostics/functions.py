@@ -15,7 +15,7 @@ _NUMBERS = {2: "two", 3: "three"}
 
 
 class NodalFunctions:
-    """Functions by name, created at their first values.
+    """DOLFINx Functions by name; each is created when its values are first set.
 
     Collective, as its method.
 

@@ -102,7 +102,7 @@ def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
 
 @cache
 def _of_parts(prefix: str, name: str, number: int) -> list[str]:
-    """Names of the columns of a vector."""
+    """Columns of the components of a vector, each with its value."""
     axes = (_TURNING if name in _MOMENTS else _AXES)[number]
     return [f"{prefix}{name}_{axis}" for axis in axes]
 

@@ -53,11 +53,11 @@ _RULES = {
 
 
 class _Place(NamedTuple):
-    """Nodes of some pairs, and the places of the nodes of each pair among them.
+    """Nodes of several pairs in one array, and the rows of each pair in this array.
 
     Attributes:
         nodes: Owned nodes of all these pairs, ascending, shape ``(r,)``.
-        rows: Indices of the nodes of each pair among these, by the number of the pair.
+        rows: Indices of the nodes of each pair in ``nodes``, by the number of the pair.
     """
 
     nodes: Ints

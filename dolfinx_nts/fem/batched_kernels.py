@@ -144,7 +144,7 @@ def begin_batched_kernels(
 ) -> None:
     """Start compiling the kernels of `batched_kernels` or `matrix_kernels`. Local.
 
-    It has the same arguments; errors are raised later, when the kernels are requested.
+    The arguments are those of these functions; errors are raised when the kernels are requested.
     """
     if form.mesh.comm.rank == 0:
         with suppress(OSError, ValueError):
@@ -222,8 +222,8 @@ def _loaded(library: _Library) -> ctypes.CDLL:
 
     Raises:
         OSError: There is no compiler, or the library cannot be loaded.
-        ValueError: FFCx's code does not have the expected form. subprocess.CalledProcessError: The
-            compiler rejects the source.
+        ValueError: FFCx's code does not have the expected form.
+        subprocess.CalledProcessError: The compiler rejects the source.
     """
     if not library.path.exists():
         (_at_work.pop(library.path, None) or _Compilation(library)).finish()

@@ -51,7 +51,7 @@ class CellMatrix:
         )
 
     def _functions(self) -> list[fem.Function]:
-        """Functions of the action in the order of the kernels."""
+        """Functions in the action of the form, in the order of the kernels."""
         compiled, functions = self._described.ufcx_form, self._action.coefficients()
         positions = compiled.original_coefficient_positions
         return [functions[positions[i]] for i in range(compiled.num_coefficients)]

@@ -1,4 +1,4 @@
-"""Sums over all ranks at a few nodes of a space, at a cost independent of the size of the space.
+"""Sums over all ranks at a few nodes, at a cost independent of the size of the space.
 
 With a new DOLFINx vector for each body and each surface, time and memory of the set-up of n bodies
 of equal size would grow as n^2.

@@ -79,7 +79,7 @@ def factorised(body: str) -> str:
         return f"A_{first}.{kind}_at(iq) += {found['number']};"
 
     def replaced(pattern: re.Pattern[str], line: Callable[[re.Match[str]], str]) -> Any:
-        """Factorise loops whose statements all match and use known tables."""
+        """Text of loops in factorised form, if all their statements match and use known tables."""
 
         def replace(loop: re.Match[str]) -> str:
             found = [pattern.fullmatch(statement) for statement in _statements(loop[1])]
@@ -100,7 +100,7 @@ def _stride(found: re.Match[str]) -> str:
 
 
 def _kinds(body: str) -> dict[str, tuple[str, str]]:
-    """Factorised quantity, a value or a derivative, by known table."""
+    """Known tables by name: class of the factorised functions, and value or derivative."""
     kinds = {}
     for table, count, text in _TABLE.findall(body):
         numbers = np.array([float(number) for number in _NUMBER.findall(text)])

@@ -29,7 +29,7 @@ class BulkDerivatives:
 
     Attributes:
         forms: Residual of the bodies, and of each load, linear in the test function.
-        adjoint_forms: The same with `costate` in place of the test function.
+        adjoint_forms: The forms with `costate` in place of the test function.
         costate: A Function of the space.
     """
 

@@ -65,7 +65,7 @@ class _Rows:
         self._scatter, self._dofs, self._values = scatter, dofs, values
 
     def of(self, vector: Floats) -> Floats:
-        """Values for a nodal vector at the nodes of the map, ``(l, 3)``. Local."""
+        """Values of the functions, ``(m,)``, for a vector at local nodes, ``(l, 3)``. Local."""
         at = vector[self._dofs].reshape(self._values.shape)
         values: Floats = np.einsum("md,md->m", self._values, at)
         return values
@@ -89,7 +89,7 @@ class _Blocks:
         self._scatter, self._nodes, self._values = scatter, nodes, values
 
     def add_product(self, total: Floats, vector: Floats, *, transposed: bool = False) -> None:
-        """Add the product with a nodal vector ``(l, 3)`` to one of the owned nodes, ``(n, 3)``."""
+        """Add the product with a nodal vector ``(l, 3)`` to a vector of owned nodes, ``(n, 3)``."""
         indices = "pji,pj->pi" if transposed else "pij,pj->pi"
         at = vector[self._nodes].reshape(self._values.shape[:2])
         product = np.einsum(indices, self._values, at)
@@ -148,7 +148,7 @@ class ContactDerivative:
         return of_space(total, x.shape[1])
 
     def force_by(self, motion: ContactMotion, histories: Histories) -> Floats:
-        """Perturbation of the force, without that by the end of the step, ``(n, d)`` [N]."""
+        """Perturbation of the force for a fixed end of the step, ``(n, d)`` [N]."""
         inputs, start = self._inputs(motion, histories), self._at(motion.start)
         inputs[:, 1] = 0.0
         total = self._zeros(motion.start)
@@ -163,7 +163,7 @@ class ContactDerivative:
         self._store(np.einsum("moi,mi->mo", self._matrix[:, 1:], inputs), histories)
 
     def slope(self, shape: tuple[int, int], histories: Histories) -> Floats:
-        """Derivative of the objective with respect to the end through the histories, ``(n, d)``.
+        """Slope of the objective at the end of the step due to the histories, ``(n, d)``.
 
         Args:
             shape: Shape of the result.
@@ -226,7 +226,7 @@ def of_members(pairs: Sequence[PairState], histories: Histories) -> Floats:
 
 
 def store(pairs: Sequence[PairState], values: Floats, histories: Histories) -> None:
-    """Replace the values of several pairs by those of their nodes, ``(n, WIDTH)``. Local."""
+    """Store values of the nodes of several pairs, ``(n, WIDTH)``, pair by pair. Local."""
     first = 0
     for pair in pairs:
         last = first + len(pair.nodes.nodes)

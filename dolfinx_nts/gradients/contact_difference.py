@@ -1,10 +1,9 @@
 """Derivatives of contact along one direction, by central differences of the contact alone.
 
 In mortar contact the points and their weights depend on the start of the step and on the positions
-at which points are chosen, through the parts of facets that face each other. They are
-differentiated with all else that a step of contact computes: the force at the end of the step,
-which is fixed, and then the history. In statics points are chosen in equilibrium, at the end of the
-step.
+at which points are chosen, through the parts of facets that face each other. All results of a step
+of contact are differentiated: first the force, for a fixed end of the step, then the history. In
+statics points are chosen in equilibrium, at the end of the step.
 """
 
 from dataclasses import replace
@@ -34,7 +33,7 @@ __all__ = ["ContactDifference", "ContactResult"]
 
 # Error of repeated forces relative to the largest one [-] above which their points differ.
 _SAME = 1e-6
-# The same for points that are chosen at the end of a step of statics, where they have settled.
+# The same error [-] for points that statics chooses in equilibrium, at the end of a step.
 _SETTLED = 1e-5
 # Values of the history of a node on which the next step depends, and their positions in arrays.
 _SCALARS = ("offset", "gap", "soft_depth", "part", "slip", "energy")
@@ -94,7 +93,7 @@ class ContactDifference:
             self._check(x, x, _SETTLED)
 
     def end_product(self, x: Floats) -> Floats:
-        """Derivative of the force with respect to the end of the step, times ``(n, d)``."""
+        """Derivative of the force with respect to the end of the step, times a vector."""
         last, pairs = self._last, self._last.pairs
         at, total = self._scatter.forward(in_space(x)), np.zeros((len(x), 3))
         nodes = pairs.blocks.nodes
@@ -143,9 +142,9 @@ class ContactDifference:
         return ContactResult(force, history, released, energy)
 
     def curvature(self, ahead: Floats, behind: Floats) -> float:
-        """Largest distance of the force of the step from the mean of two, each ``(n, d)`` [N].
+        """Largest distance of the force of the step from the mean of two forces, ``(n, d)`` [N].
 
-        The forces are those for perturbations of both signs.
+        The two forces belong to perturbations of opposite signs.
         """
         error = float(np.abs((ahead + behind) / 2 - self._force).max(initial=0.0))
         return reductions.largest(self._scatter.index_map.comm, error)
@@ -177,14 +176,14 @@ class ContactDifference:
                 "shorter steps help"
                 if not self.settles
                 else "expected contact points that settle in equilibrium for a derivative, given "
-                f"{self.between} in a step whose result depends on states on the way: method "
+                f"{self.between} in a step whose result depends on its iterations: method "
                 "'node-to-segment' has no such points; shorter steps or finer facets may help, too"
             )
 
     def _repeat(
         self, x_n: Floats, x_trial: Floats, x_points: Floats, x: Floats
     ) -> tuple[ContactStep, ContactContribution]:
-        """Contact for other positions, ``(l, 3)`` [m], with the same nodes that slide."""
+        """Contact for other positions, ``(l, 3)`` [m], with the same sliding nodes."""
         step = self._step.repeat(x_n=x_n, x_trial=x_trial, x_points=x_points)
         start_from([step], [self._step])
         step.friction.keeps_states = True
@@ -195,7 +194,7 @@ class ContactDifference:
         store(self._members, change, histories)
 
     def _spread(self, change: Floats) -> Floats:
-        """Change at the local nodes, ``(l, 3)``, from that at the owned ones, ``(n, d)``."""
+        """Change of all local nodes, ``(l, 3)``, from the change of the owned nodes, ``(n, d)``."""
         n, d = change.shape
         vector = la.vector(self._step.state.nodes.V.dofmap.index_map, d)
         vector.array[: n * d] = change.ravel()
@@ -204,7 +203,7 @@ class ContactDifference:
 
 
 def _values(history: ContactHistory) -> Floats:
-    """Values of a history, shape ``(n, WIDTH)``; 0 for those that are not finite. Local."""
+    """Values of a history, ``(n, WIDTH)``, with 0 in place of infinity and NaN. Local."""
     columns = [getattr(history, name)[:, None] for name in _SCALARS]
     columns += [getattr(history, name) for name in _VECTORS]
     return np.nan_to_num(np.hstack(columns), posinf=0.0, neginf=0.0)
@@ -217,7 +216,7 @@ def _changed(history: ContactHistory, change: Floats) -> ContactHistory:
         first = len(_SCALARS) + 3 * i
         parts[name] = change[:, first : first + 3]
     new = {name: getattr(history, name) + part for name, part in parts.items()}
-    # A loaded spring keeps its soft depth, and others get a new one: gaps must not change sides.
+    # A perturbed gap must not load or unload a spring: loaded springs keep their soft depth.
     loaded, offset = history.gap < history.offset, new["offset"]
     limit = np.where(loaded, np.nextafter(offset, -np.inf), offset)
     new["gap"] = np.where((new["gap"] < offset) == loaded, new["gap"], limit)

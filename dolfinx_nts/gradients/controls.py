@@ -25,7 +25,7 @@ class FormDerivative:
         mesh: The mesh.
         forms: Forms without or with a test function, with derivatives applied.
         control: The Constant or Function.
-        names: What stands for it in the forms: itself, and a copy.
+        names: Objects that represent it in the forms: itself and a copy.
     """
 
     def __init__(
@@ -77,9 +77,9 @@ class FormDerivative:
 
 
 def _by_constant(form: ufl.Form, constant: Any, mesh: Mesh, direction: Any) -> ufl.Form:
-    """Derivative of a form with respect to a Constant in a direction, a Constant, too.
+    """Derivative of a form with respect to a Constant; the direction is a Constant, too.
 
-    UFL differentiates with respect to Functions only, so that one stands for the Constant.
+    UFL differentiates with respect to Functions only, so a Function replaces the Constant.
     """
     if constant not in form.constants():
         return ufl.Form([])
@@ -127,7 +127,7 @@ class ParameterControl(Control):
         return _gathered(value, value.x.array[: _num_owned(value.function_space)])
 
     def holds(self, values: Floats) -> bool:
-        """Whether the control has given values, shape ``(size,)``. Local."""
+        """Whether the control has the given values, shape ``(size,)``. Local."""
         value = self.value
         if isinstance(value, fem.Constant):
             return np.array_equal(value.value.ravel(), values)
@@ -166,7 +166,7 @@ class InitialControl(Control):
             assign(body, self._given)
 
     def gathered(self, values: Floats) -> Floats:
-        """Values of all ranks from those of the owned dofs. Collective."""
+        """Values of all ranks, from values at the owned dofs. Collective."""
         return _gathered(self.function, values)
 
     def owned(self, values: Floats) -> Floats:
@@ -175,7 +175,7 @@ class InitialControl(Control):
 
 
 def control_of(value: Any, stepper: Any, place: str) -> Control:
-    """Control for what a user lists. Local.
+    """Control for a Constant or Function in the list of a user. Local.
 
     Args:
         value: The Constant or Function.
@@ -206,13 +206,13 @@ def _num_owned(V: fem.FunctionSpace) -> int:
 
 
 def _gathered(function: fem.Function, owned: Floats) -> Floats:
-    """Values of all ranks, in the order of the ranks, from those of the owned dofs."""
+    """Values of all ranks, in the order of the ranks, from values at the owned dofs."""
     values: Floats = joined(function.function_space.mesh.comm, owned.ravel().copy())
     return values
 
 
 def _owned_values(function: fem.Function, values: Floats) -> Floats:
-    """Values at the owned dofs, from those of all ranks. Local."""
+    """Values at the owned dofs, from values of all ranks. Local."""
     V = function.function_space
     start = V.dofmap.index_map.local_range[0] * V.dofmap.index_map_bs
     return values[start : start + _num_owned(V)]

@@ -22,8 +22,8 @@ class ForceWeights(NamedTuple):
     """Derivatives of an objective with respect to the residual of a step, by its parts.
 
     Attributes:
-        bulk: With respect to that of the bodies and loads, shape ``(n, d)`` [1/N].
-        contact: With respect to the contact forces in it, shape ``(n, d)`` [1/N].
+        bulk: With respect to the residual of bodies and loads, shape ``(n, d)`` [1/N].
+        contact: With respect to the contact forces in the residual, shape ``(n, d)`` [1/N].
     """
 
     bulk: Floats
@@ -77,10 +77,10 @@ class StepForces:
         self.has_contact = -1 in self._number
 
     def of(self, reactions: Sequence[Reaction], contact: Floats) -> list[Floats]:
-        """Forces of a step, each ``(k,)`` [N].
+        """Forces of supports and of contact in a step, each ``(k,)`` [N].
 
         Args:
-            reactions: Reactions of its report.
+            reactions: Reactions in the report of the step.
             contact: Contact forces in the residual, shape ``(n, d)`` [N].
         """
         return [
@@ -112,12 +112,12 @@ class StepForces:
 
 
 def _number_of(bc: fem.DirichletBC, equations: StepEquations) -> int:
-    """Number of a condition among those of the stepper. Local."""
+    """Number of a condition in the list ``bcs`` of the stepper. Local."""
     supports = equations.bulk.supports
     for number, each in enumerate(supports.conditions[: len(supports)]):
         if each is bc:
             return number
-    raise ValueError("expected in forces conditions of bcs of the stepper, given another one")
+    raise ValueError("expected in forces conditions of bcs of the stepper, given one not in bcs")
 
 
 def _check_contact(item: Surface | Body, equations: StepEquations) -> None:
@@ -128,5 +128,5 @@ def _check_contact(item: Surface | Body, equations: StepEquations) -> None:
     if not reductions.anywhere(item.V.mesh.comm, touches):
         raise ValueError(
             "expected in forces surfaces or bodies with contact in the stepper, given "
-            f"{item.name} without: a pair must have its nodes on one side"
+            f"{item.name}: none of its nodes is on a side of a contact pair"
         )

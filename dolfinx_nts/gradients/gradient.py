@@ -38,14 +38,14 @@ class Gradient:
     The steps of the scheme are differentiated, not the equations in time, so that gradients are
     those of the computed objective. Contact of nodes with segments by springs without friction is
     differentiated exactly. Mortar contact and friction are differentiated by central differences of
-    the contact of each step along one direction, with errors of about 1e-8, or up to 1e-5 of a step
-    in which nodes touch just then. Runs in which such contact chooses its points again within a
-    step raise a ValueError, also those of statics whose points do not settle in equilibrium, and
-    those of statics with rigid motions that nothing resists. Optimisers of SciPy take `value` and
-    `gradient` as they are. Each call repeats the run from the state at which the object was made,
-    and leaves the stepper at the end of the run. Springs of contact keep the stiffness that the
-    first run has chosen. Which nodes touch, and whether they slip, is constant within a step; at
-    controls where this changes, derivatives are one-sided. Collective, as are all methods.
+    the contact of each step along one direction, with errors of about 1e-8, or up to 1e-5 in a step
+    in which nodes begin to touch. A run raises a ValueError if such contact chooses its points
+    again within a step. In statics it also does if points do not settle in equilibrium, or if
+    nothing resists a rigid motion. Optimisers of SciPy take `value` and `gradient` as they are.
+    Each call repeats the run from the state at which the object was made, and leaves the stepper at
+    the end of the run. Springs of contact keep the stiffness that the first run has chosen. Which
+    nodes touch, and whether they slip, is constant within a step; at controls where this changes,
+    derivatives are one-sided. Collective, as are all methods.
 
     Args:
         stepper: An `EnergyMomentum`, `Midpoint`, `GeneralizedAlpha` or `QuasiStatic` stepper before
@@ -75,9 +75,9 @@ class Gradient:
     Raises:
         TypeError: A control, a force or the objective is of another kind.
         ValueError: The stepper has parts without derivatives, which the message names, a control
-            occurs nowhere, or a force is not one of the stepper. The methods raise it, too, if a
-            control changes in the run, or if ``update`` computes other data from it than values of
-            conditions.
+            occurs nowhere, or a force is not one of the stepper. The methods also raise ValueError
+            if a control changes in the run, or if ``update`` computes anything but values of
+            conditions from a control.
 
     Example:
         >>> stepper = nts.EnergyMomentum(bodies, dt=0.01)
@@ -137,11 +137,11 @@ class Gradient:
         self._check_occurrence()
         self._start = Snapshot()
         stepper.serialize(self._start)
-        # Values of initial states; the stepper has those at the end of the run.
+        # Values of initial states; the stepper has values at the end of the run.
         self._x = np.concatenate([control.get() for control in self._controls])
         # Springs of the first run, by pair.
         self._springs: dict[PairState, tuple[Any, ...]] = {}
-        # The last run: its controls, objective and states.
+        # Controls, objective and states of the last run.
         self._of: Floats | None = None
         self._value, self._stored = 0.0, self._new_store()
 
@@ -360,6 +360,6 @@ def _of_velocity(costate: MotionState) -> Floats:
 
 
 def _with(costate: MotionState, slopes: Sequence[Floats]) -> MotionState:
-    """Costate plus the slopes of a term with respect to displacement and rates. Local."""
+    """Sum of a costate and the slopes of a term with respect to displacement and rates. Local."""
     rates = [old + slope for old, slope in zip(costate.rates, slopes[1:], strict=False)]
     return costate._replace(u=costate.u + slopes[0], rates=rates)

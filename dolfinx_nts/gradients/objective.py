@@ -39,7 +39,7 @@ class Term(ABC):
 
     @abstractmethod
     def gradients(self) -> list[Floats | float]:
-        """Gradients with respect to the parameters; 0.0 for those that it does not contain."""
+        """Gradients with respect to the parameters; 0.0 for parameters not in the term."""
 
 
 class _Functional(Term):
@@ -119,7 +119,7 @@ class _Number(Term):
         return self._evaluated(self._expression)
 
     def add_slopes(self, slopes: Sequence[Floats]) -> None:
-        """Nothing, as it does not depend on the state otherwise."""
+        """Do nothing: the term depends on the state only through the forces."""
 
     def gradients(self) -> list[Floats | float]:
         return [np.array([*map(self._evaluated, each)]) if each else 0.0 for each in self._slopes]
@@ -180,7 +180,7 @@ class Objective:
             return None
         if not isinstance(term, ufl.Form | Expr):
             raise TypeError(
-                "expected a form, a scalar of the forces or None from the objective, given "
+                "expected the objective to return a form, a scalar of the forces or None, given "
                 f"{kind_of(term)}"
             )
         if term not in self._terms:

@@ -16,16 +16,17 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["PrescribedDerivative"]
 
-# Change of a Constant in differences of what ``update`` sets, relative to it, and absolute if it is
-# 0 [-]. Larger: curvature of the prescribed motion in the control; smaller: round-off.
+# Change of a Constant in differences of the values that ``update`` sets, relative to the Constant,
+# and absolute if the Constant is 0 [-]. Larger: curvature of the prescribed motion in the control;
+# smaller: round-off.
 _CHANGE = 1e-5
 
 
 class PrescribedDerivative:
     """Derivative of the displacements of supports in a step with respect to a control. Collective.
 
-    A Function is the value of a condition. A Constant is one, or ``update`` computes values of
-    conditions from it; these are differentiated by central differences of ``update``.
+    A Function is the value of a condition. A Constant is the value of a condition, or ``update``
+    computes such values from it; then they are differentiated by central differences of ``update``.
 
     Args:
         equations: Equations of the steps.
@@ -55,7 +56,7 @@ class PrescribedDerivative:
         self._others = self._other_data()
 
     def _sources_of(self, value: fem.Function, given: Sequence[bool]) -> Ints:
-        """Dof of a Function that each owned dof gets, -1 for none, shape ``(d n,)``. Local."""
+        """Dof of a Function that prescribes each owned dof, or -1, shape ``(d n,)``. Local."""
         kept = value.x.array.copy()
         value.x.array[:] = np.arange(len(kept))
         found = np.full(len(self._equations.bulk.u.x.array), np.nan)
@@ -69,7 +70,7 @@ class PrescribedDerivative:
         return sources
 
     def _other_data(self) -> list[Any]:
-        """Constants and Functions that must not depend on it, of forms and friction. Collective."""
+        """Data of forms and friction that must not depend on the control. Collective."""
         known = self._equations.in_forms(self._control.value)
         forms, contacts = self._equations.bulk.forms, self._equations.contacts
         of_forms = ((*form.constants(), *form.coefficients()) for form in forms)
@@ -83,8 +84,8 @@ class PrescribedDerivative:
         The data of the step have to be set again afterwards.
 
         Raises:
-            ValueError: ``update`` computes other data from the control than conditions, or anything
-                from a Function.
+            ValueError: ``update`` computes anything but values of conditions from the control, or
+                anything from a Function.
         """
         control, equations = self._control, self._equations
         is_constant = isinstance(control.value, fem.Constant)
@@ -109,8 +110,8 @@ class PrescribedDerivative:
             if reductions.anywhere(equations.bulk.comm, is_wrong):
                 raise ValueError(
                     "expected update to compute only displacements of bcs from controls, and only "
-                    f"from a Constant, given other data of it from {control.name}: write a control "
-                    "into the load itself, as in FormLoad, with its factor as a function of t"
+                    f"from a Constant, given other data computed from {control.name}: a load may "
+                    "contain the control itself, as in FormLoad, with a factor that depends on t"
                 )
         if is_constant:
             self._rows = np.array(rows)
@@ -131,7 +132,7 @@ class PrescribedDerivative:
         return change
 
     def gradient(self, costate: Floats) -> Floats:
-        """Gradient with respect to the control from that for displacements, ``(d n,)``."""
+        """Gradient with respect to the control from the gradient for displacements, ``(d n,)``."""
         if len(self._rows):
             total: Floats = reductions.total(self._equations.bulk.comm, self._rows @ costate)
             return total

@@ -21,7 +21,7 @@ class RateUpdate(NamedTuple):
             `NewmarkRates` acceleration, and last the mean velocity of the step before, where
             points of mortar contact are chosen; none without inertia.
         of_end: Derivatives of the new rates with respect to the displacement at the end, ``(r,)``.
-        of_start: The same at the start, shape ``(r,)``.
+        of_start: Derivatives with respect to the displacement at the start, shape ``(r,)``.
         of_rates: Derivatives with respect to the old rates, shape ``(r, r)``.
     """
 
@@ -43,7 +43,8 @@ def rate_update(rates: Rates) -> RateUpdate:
         return RateUpdate([rates.v, rates.mean_velocity], speed, -speed, of_rates)
     if isinstance(rates, NewmarkRates):
         p, dt = rates.parameters, float(rates.dt.value)
-        # Velocity and acceleration at the end, by the displacement and by both at the start.
+        # Derivatives of velocity and acceleration at the end: by displacement, and by both at the
+        # start.
         rest = 1 / (2 * p.beta) - 1
         of_a = np.array([1.0, -dt, -rest * p.beta * dt**2]) / (p.beta * dt**2)
         of_v = dt * p.gamma * of_a + np.array([0.0, 1.0, dt * (1 - p.gamma)])

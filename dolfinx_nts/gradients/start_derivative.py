@@ -23,7 +23,7 @@ class StartDerivative:
 
     Args:
         equations: Equations of the steps.
-        rates: Its rates.
+        rates: Rates of the stepper.
         controls: Parameters of the forms.
     """
 
@@ -33,7 +33,7 @@ class StartDerivative:
         self._equations, self._rates, bulk = equations, rates, equations.bulk
         V, self._size = rates.u.function_space, bulk.num_owned
         self._mass = ConsistentMass(equations.bodies, fem.Function(V))
-        # Forces without motion in the step. Their inertia is that of a velocity in the place of the
+        # Forces without motion in the step. Their inertia contains a velocity in place of the
         # acceleration.
         forms = [ufl.replace(form, {rates.u: rates.u_n}) for form in bulk.forms]
         self._change, self._costate = fem.Function(V), fem.Function(V)
@@ -49,7 +49,7 @@ class StartDerivative:
             self._of_controls.append(tuple(both))
 
     def _sum(self, forms: Sequence[ufl.Form], direction: fem.Function) -> NodalSum:
-        """Sum of the derivatives of forms for the displacement at the start."""
+        """Sum of the derivatives of forms with respect to the displacement at the start."""
         V, u_n = self._rates.u.function_space, self._rates.u_n
         return NodalSum([expand_derivatives(ufl.derivative(f, u_n, direction)) for f in forms], V)
 
@@ -62,7 +62,7 @@ class StartDerivative:
         rates.v.x.array[:], rates.a.x.array[:] = factor * step.start.rates[1], 0.0
 
     def _solved(self, force: Floats) -> Floats:
-        """Acceleration by a force, 0 at prescribed displacements, shapes ``(n, d)``."""
+        """Acceleration due to a force, both ``(n, d)``; 0 at prescribed displacements."""
         free = ~self._equations.bulk.is_prescribed
         return self._mass.solve(force.ravel(), lambda r: free * r).reshape(force.shape)
 
@@ -73,7 +73,7 @@ class StartDerivative:
     def tangent(
         self, step: StepRecord, start: MotionState, changes: Sequence[Floats]
     ) -> MotionState:
-        """Perturbation of the start with that of the acceleration, see `StepDerivative.tangent`."""
+        """Perturbation of the start, including the acceleration, see `StepDerivative.tangent`."""
         self._take(step)
         self._set(self._change, start.u)
         force = self._along.assembled().reshape(start.u.shape)

@@ -37,9 +37,9 @@ _STEPS = (1e-6, 1e-7, 1e-8, 1e-9)
 # Deviation of forces in a difference from a straight line, relative to their change [-], that is
 # admissible. Larger: errors where nodes touch; smaller: more differences.
 _STRAIGHT = 1e-5
-# Contact points that settle in equilibrium follow the change of the displacement: largest number of
-# solutions for both; difference of the last two, relative to the displacement [-], that is
-# admissible; and the same if it does not decrease by half, as by round-off of small differences.
+# Contact points chosen in equilibrium follow the change of the displacement. Largest number of
+# solutions for both; admissible difference of the last two, relative to the displacement [-]; and
+# its limit if the difference does not halve, as with round-off of small differences.
 _MOST_SOLUTIONS, _SETTLED, _ROUNDED = 20, 1e-9, 1e-6
 
 
@@ -91,8 +91,8 @@ class StepDerivative:
         carried: Functions of the carried rates.
         released: Springs that return energy to the bodies; None without inertia.
         of_controls: Derivatives of the residual with respect to the parameters.
-        of_supports: The same of prescribed displacements.
-        of_friction: Whether the parameters are coefficients of friction.
+        of_supports: Derivatives of the prescribed displacements with respect to the parameters.
+        of_friction: Whether each parameter is a coefficient of friction.
     """
 
     def __init__(self, equations: StepEquations, controls: Sequence[ParameterControl]) -> None:
@@ -141,7 +141,7 @@ class StepDerivative:
         rates.u_n.x.array[:], rates.u.x.array[:] = step.start.u, step.end.u
         for function, values in zip(self.carried, step.start.rates, strict=True):
             function.x.array[:] = values
-        # In this order, since loads may depend on the displacement.
+        # The displacement is set first, since loads may depend on it.
         self._equations.set_data(step.t_n, step.dt)
         return rate_update(rates)
 
@@ -240,7 +240,8 @@ class StepDerivative:
     ) -> tuple[Floats, ContactMotion]:
         """Perturbation of the displacement at the end of a step, and the motion of its contact.
 
-        Points that settle are those of the end, whose perturbation is iterated as in the step.
+        Contact points chosen in equilibrium follow the end of the step, whose perturbation is
+        iterated.
 
         Args:
             step: The step.
@@ -276,7 +277,7 @@ class StepDerivative:
     def _differences(
         self, step: StepRecord, motion: ContactMotion, histories: Histories, scale: float
     ) -> tuple[float, list[ContactResult], list[ContactResult]]:
-        """Step h of central differences, and the contact for perturbations times h and -h.
+        """Step h of central differences, and contact for perturbations times h and -h.
 
         ``scale`` is the largest derivative of the other forces [N].
         """
@@ -316,7 +317,7 @@ class StepDerivative:
         h: float,
         ends: Sequence[Sequence[ContactResult]],
     ) -> Floats:
-        """Perturbation of the impulses of springs that return energy, for perturbations u and v."""
+        """Perturbation of the impulses of released springs, by perturbations of u and v."""
         released = self.released
         if released is None or not any(each.energy for end in ends for each in end):
             return np.zeros(self._shape)
@@ -359,7 +360,7 @@ class StepDerivative:
             slope = slope + self._force_slope(step, weights)
         act = partial(self._product, step, transposed=True)
         costate = self._solver.solve(act, derivatives.free(slope))
-        # Forces are parts of the residual, as if its costate were smaller by their weights.
+        # Forces are parts of the residual: their weights are subtracted from its costate.
         of_bulk, of_contact = (
             costate - part for part in ((0.0, 0.0) if weights is None else weights)
         )
@@ -391,7 +392,7 @@ class StepDerivative:
         return MotionState(u, rates, histories)
 
     def _given(self, changes: Sequence[Floats]) -> tuple[Floats, bool]:
-        """Change of prescribed displacements by those of the parameters, ``(n, d)`` [m].
+        """Change of prescribed displacements by changes of the parameters, ``(n, d)`` [m].
 
         Also returns whether any of them may differ from 0.
         """

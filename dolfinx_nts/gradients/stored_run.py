@@ -81,7 +81,7 @@ class StoredRun:
             self._segments.append(_Segment(start, self._stepper.t))
 
     def steps(self, *, backwards: bool) -> Iterator[tuple[StepRecord, bool]]:
-        """Steps of the run, each with a flag whether it is the last one of the run."""
+        """Steps of the run in either order, each with a flag whether it is the last step."""
         numbers = range(len(self._segments))
         for number in reversed(numbers) if backwards else numbers:
             self._repeat(number)

@@ -1,4 +1,4 @@
-"""Which steppers have derivatives."""
+"""Checks that a stepper has derivatives."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -51,8 +51,8 @@ def check_supported(stepper: Any) -> None:
             )
         if pair.is_convective:
             raise ValueError(
-                f"expected friction without convective coordinates for gradients, given it of "
-                f"{pair.between}: the default law of slip has derivatives"
+                "expected friction without convective coordinates for gradients, given convective "
+                f"friction of {pair.between}: the default law of slip has derivatives"
             )
     for contact in stepper.contacts:
         if contact.search.may_move:
@@ -67,7 +67,7 @@ def check_open(steps: Sequence[ContactStep]) -> None:
     """Check that springs have no force at the start of a step. Collective.
 
     Raises:
-        ValueError: A node is inside, so that the acceleration at the start depends on springs.
+        ValueError: A node penetrates, so that the acceleration at the start depends on springs.
     """
     for step in steps:
         state = step.state
@@ -88,7 +88,7 @@ def check_resisted(relief: InertiaRelief) -> None:
     if len(relief.loads):
         names = "; ".join(map(str, relief.bodies))
         raise ValueError(
-            "expected bodies whose rigid motions supports or contact resist for gradients, given "
+            "expected, for gradients, supports or contact that resist all rigid motions, given "
             f"{names} in statics with {len(relief.loads)} free motions: add bcs or friction "
             "against them"
         )
@@ -97,8 +97,8 @@ def check_resisted(relief: InertiaRelief) -> None:
 def has_adjoint(pair: ContactPair) -> bool:
     """Whether the contact of a pair has derivatives in closed form, and thus an adjoint. Local.
 
-    It has for springs of nodes on segments, without friction. All other contact is differentiated
-    along one direction at a time.
+    Springs of nodes on segments without friction have an adjoint. All other contact is
+    differentiated along one direction at a time.
     """
     return pair.method == NODES and pair.friction is None
 
@@ -106,7 +106,7 @@ def has_adjoint(pair: ContactPair) -> bool:
 def has_exact_derivative(step: ContactStep, last: ContactContribution, *, gives_back: bool) -> bool:
     """Whether a step of contact has derivatives in closed form. Collective.
 
-    Springs that return energy as an impulse, and those of vertices, have none.
+    Springs that return energy as an impulse, and springs of vertices, have no such derivative.
 
     Args:
         step: The accepted attempt, before its pairs accept their histories.

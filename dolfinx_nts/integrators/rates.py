@@ -47,7 +47,7 @@ class ConsistentMass:
 
     @cached_property
     def _form(self) -> fem.Form:
-        # Collective at the first use.
+        # The first use is collective.
         return compile_form(self._momentum)
 
     @cached_property
@@ -116,7 +116,7 @@ class Rates(ABC):
             segments.
         spring_points: Name of the starting guess at which points of mortar contact by springs are
             chosen. The velocity of a node that springs hold may alternate from step to step: points
-            chosen where it leads are far from those that are loaded, and springs that change their
+            chosen by this velocity are far from the loaded ones, and springs that change their
             points under load let bodies sink into each other.
         force_time: Time of stress and loads for second order, from 0 at the start of a step to 1 at
             its end [-]; None if the scheme chooses it.

@@ -50,8 +50,8 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
         pairs: All contact pairs.
 
     Raises:
-        ValueError: Two rigid bodies share nodes, a pair with impact "resolved" has rigid nodes or
-            is combined with guides, or a sphere is the shape of several or deformable bodies.
+        ValueError: Two rigid bodies share nodes; a pair with impact "resolved" has rigid nodes, or
+            is combined with guides; or a sphere is the shape of several or deformable bodies.
     """
     V, rigid = bodies[0].V, [body for body in bodies if isinstance(body, RigidBody)]
     comm: MPI.Comm = V.mesh.comm
@@ -61,7 +61,7 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
             if not reductions.everywhere(comm, np.array(around, dtype=bool)).any():
                 raise ValueError(
                     f"expected {segments.smooth!r} as the shape of one RigidBody, given "
-                    f"{segments.name} of other bodies: use smooth=True for them"
+                    f"{segments.name}, which is on no such body: use smooth=True for it"
                 )
     if not rigid:
         return

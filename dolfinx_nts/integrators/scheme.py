@@ -81,7 +81,7 @@ class Scheme:
                 raise ValueError(f"expected {name} of a Scheme from 0 to 1, given {number}")
 
     def ends_for_loads(self, u_n: Any, u: Any) -> tuple[Any, Any]:
-        """Two displacements whose mean is that of a load, Functions or UFL. Local.
+        """Two displacements whose mean is the displacement of a load, Functions or UFL. Local.
 
         Loads must act at the positions of the bodies at the time of the load, or the scheme would
         be of first order.

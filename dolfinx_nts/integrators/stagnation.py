@@ -142,7 +142,7 @@ class IneffectiveCuts:
     def _is_same(self, last: tuple[float, float], now: tuple[float, float]) -> bool:
         """Whether an attempt failed in the same way as before the cut.
 
-        Both arguments are items of ``_last``: the first and the least residual norm of an attempt.
+        Each argument has the first and the least residual norm of an attempt [N].
         """
         is_left = now[0] >= _LEFT * last[0] > 0
         return is_left and (self._power > 0 or abs(now[1] - last[1]) <= _SAME * last[1])

@@ -141,7 +141,7 @@ class EvenSteps:
         return self.target
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the start of the count and the target. Collective."""
+        """Serialize the time and step from which steps are counted, and the target. Collective."""
         self._t = archive.same("start_time", self._t)
         self._step = archive.same("start_step", self._step)
         self.target = archive.same("target", self.target)

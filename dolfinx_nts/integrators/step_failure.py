@@ -32,7 +32,7 @@ __all__ = ["SHORTER_STEP_HELPS", "StepFailure"]
 # Advice if no specific cause is known.
 SHORTER_STEP_HELPS = "a smaller dt may help, which StepControl() uses after a failed step"
 
-# Attempts by name: the starting guesses of `Rates.starts`, and those of statics.
+# Attempts by name: the starting guesses of `Rates.starts`, and the attempts of statics.
 _STARTS = {
     "coasting": "the mean velocity of the last step",
     "ballistic": "the velocity at its start",
@@ -95,7 +95,7 @@ class StepFailure:
         """
         reports = [replace(each, start=_STARTS[name]) for name, each in self._attempts.items()]
         reasons = "; ".join(each.reason for each in reports)
-        # What stopped an attempt says more than the number of its iterations.
+        # The reason why an attempt stopped is more useful than the number of its iterations.
         causes = [min((r.reason for r in reports), key=lambda reason: "no convergence" in reason)]
         weak = {type(b.material).__name__ for b in bodies if not b.material.resists_collapse}
         if "is inverted" in reasons and weak:

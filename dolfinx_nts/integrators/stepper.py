@@ -102,7 +102,7 @@ class ScriptValues:
         return ufl.replace(form, {value: self.copies[value] for value in given})
 
     def update(self, end: float) -> None:
-        """Call ``update`` for the time at the end of the step [s], unless `take` does."""
+        """Call ``update`` for the time at the end of the step [s], unless `take` will call it."""
         if self._update is not None and not self.copies:
             self._update(end)
 

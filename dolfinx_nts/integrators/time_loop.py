@@ -315,7 +315,7 @@ class TimeLoop(State):
 def _extended(error: ConvergenceError, before: str, after: str) -> ConvergenceError:
     """Copy of an error with texts before its message and after its cause. Local."""
     cause = "; ".join(filter(None, [error.cause, after]))
-    # Shorter steps have failed, too.
+    # Relaxation is the last resort: shorter steps have failed before.
     message = error.args[0].replace(error.cause, cause, 1).removesuffix(f": {SHORTER_STEP_HELPS}")
     return ConvergenceError("; ".join(filter(None, [before, message])), error.reports, cause)
 

@@ -72,7 +72,7 @@ class Table:
         if size < self.size:
             raise ValueError(
                 f"expected a table {self.path} of {self.size} bytes or more, which it had at "
-                f"the checkpoint, given one of {size}"
+                f"the checkpoint, given one of {size} bytes"
             )
         if not np.array_equal(digest, self.digest):
             raise ValueError(

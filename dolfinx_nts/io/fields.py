@@ -110,7 +110,7 @@ class RunFields:
         )
 
     def nodal(self, now: CurrentState) -> dict[str, Array | Some]:
-        """Values at all or some owned nodes by name, shape ``(n,)`` or ``(n, 3)``.
+        """Values at all or at some owned nodes, by name, shape ``(n,)`` or ``(n, 3)``.
 
         Args:
             now: Current state of the stepper.

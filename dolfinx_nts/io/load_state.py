@@ -30,14 +30,14 @@ _MAY_CHANGE = re.compile(r"(?<=impact=)\w+|(?<=mu=)[^,)]+")
 
 
 class _Kept(NamedTuple):
-    """Source of the contact state of a pair: number in the checkpoint, and whether slip is kept."""
+    """Source of the contact state of a pair: its number in the checkpoint; whether slip is kept."""
 
     number: int
     friction: bool
 
 
 class _Other(NamedTuple):
-    """Pair of the checkpoint with the same sides and other laws: number, and the difference."""
+    """Pair of the checkpoint with the same sides and other laws: its number, and the difference."""
 
     number: int
     text: str
@@ -156,9 +156,9 @@ def _pairs(scene: Mapping[str, str]) -> list[int]:
 def _pairs_with_state(
     saved: Mapping[str, str], now: Mapping[str, str]
 ) -> tuple[dict[int, _Kept], dict[int, _Other]]:
-    """Pairs that get a contact state of the checkpoint, and those with other laws.
+    """Pairs that get a contact state of the checkpoint, and pairs with other laws.
 
-    Both by their number from 0.
+    Both are by the number of the pair in the new scene, from 0.
     """
     kept, others = dict[int, _Kept](), dict[int, _Other]()
     numbers = {saved[f"pair {n}"]: n for n in _pairs(saved)}

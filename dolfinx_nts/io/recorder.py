@@ -89,8 +89,8 @@ class Recorder:
             cells, and the equivalent plastic strain of plastic materials.
         own_columns: Functions by the name of a column, which return a number or a vector of
             three for a stepper, the same on all ranks. All ranks call them for each row.
-        own_fields: Functions by the name of a field. Each returns for a stepper a DOLFINx Function
-            with values at the nodes, or the values at its owned nodes in the order of
+        own_fields: Functions by the name of a field. Each is called with the stepper. It returns a
+            DOLFINx Function with values at the nodes, or values at the owned nodes in the order of
             ``stepper.x``, shape ``(n,)`` or ``(n, 3)``, in the plane also ``(n, 2)``. A Function
             itself is possible, too; the user updates it.
         fields: Kind of the file of fields: ``"vtkhdf"``, ``"xdmf"`` or ``"vtx"``. The last is a
@@ -176,7 +176,7 @@ class Recorder:
         self._summary = Summary(self._options.name, self._stepper)
         stepper, one_state = self._stepper, self.diagnostics.one_state
         with stepper.timings.phase("output"), one_state() as now, ExitStack() as stack:
-            now.gaps()  # computed for the first fields, as the row needs the smallest gap
+            now.gaps()  # for the first fields; the row reuses these gaps
             num_supports = len(stepper.supports) + len(guided(stepper.bodies))
             self._ledger = EnergyLedger(
                 stepper.step, self.diagnostics.balance(), len(stepper.loads), num_supports
@@ -216,7 +216,7 @@ class Recorder:
         with self._stepper.timings.phase("output"), self.diagnostics.one_state() as now:
             has_fields = self._options.has_fields(self._ledger.num_steps + 1, step.t)
             if has_fields:
-                now.gaps()  # fields need all gaps, the row their minimum
+                now.gaps()  # for the fields; the row reuses these gaps
             self._ledger.add(step, *self.diagnostics.after_step())
             self._warn_of_spurious_gain()
             self._files.write_row(self._columns.row(step, self._ledger))

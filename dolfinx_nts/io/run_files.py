@@ -43,7 +43,7 @@ class ScriptedStep:
         self._stepper, self._dt = stepper, stepper.dt
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the length. If the script has changed it, set the stepper to it. Collective.
+        """Serialize the step length; a length that the script has changed is set again. Collective.
 
         Raises:
             ValueError: The step length is not stable.

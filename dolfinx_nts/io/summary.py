@@ -76,9 +76,9 @@ class Summary:
 
         Returns:
             Lines with the number of steps, changes of conserved quantities, the energy that is
-            unaccounted for, and overlaps; of statics displacement, forces and pressures at the
-            end in the place of momenta; then, after a line ``solver``, Newton iterations, laws
-            of the pairs, work of the linear solver, and wall time by phase [s] on this rank.
+            unaccounted for, and overlaps. In statics the last displacement, forces and pressures
+            replace momenta. After a line ``solver``: Newton iterations, laws of the pairs, work of
+            the linear solver, and wall time by phase [s] on this rank.
         """
         phases = {
             name: seconds - self._before.get(name, 0.0)

@@ -37,7 +37,7 @@ class Evaluation:
         self._whole = parts[expression]
 
     def value(self, numbers: Mapping[Any, Any]) -> float:
-        """Value of the expression for values by constant.
+        """Value of the expression for given values of its constants.
 
         Raises:
             ArithmeticError, TypeError, ValueError: The expression has no value.
@@ -65,7 +65,7 @@ class _Part:
     def evaluate(
         self, x: Any, known: dict[Any, Any], component: Any, index_values: dict[Any, int]
     ) -> Any:
-        """Evaluate as UFL does, with cached values of constants and parts."""
+        """Evaluate as UFL does, with cached values of constants and subexpressions."""
         key = (self, component, *(index_values[i] for i in self._indices))
         if key not in known:
             known[key] = self._evaluate(self, x, known, component, index_values)

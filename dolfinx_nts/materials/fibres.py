@@ -158,12 +158,12 @@ class HolzapfelGasserOgden(Hyperelastic):
 
 
 def _names(number: int) -> list[str]:
-    """Names of the components of a direction among the parameters."""
+    """Names of the parameters that hold the components of a direction."""
     return [f"fibre_{number}_{axis}" for axis in "xyz"]
 
 
 def _checked(fibres: Any) -> tuple[tuple[Any, ...], dict[str, float]]:
-    """Directions as given, and components of numerical ones by name."""
+    """Directions as given, and the components of numerical directions by name."""
     if isinstance(fibres, str) or not isinstance(fibres, Sequence) or not len(fibres):
         raise TypeError(f"expected fibres as a sequence of directions, given {fibres!r}")
     components: dict[str, float] = {}

@@ -86,7 +86,7 @@ class Hyperelastic(StrainEnergy):
         TypeError: ``psi`` cannot be called, is a function of F, or converts its arguments to Python
             numbers; or a branch is not a pair of numbers.
         ValueError: A number is not finite or has the wrong sign. ``psi`` is not a scalar, or
-            without fields is not twice differentiable or not least at C = 1, or has no bulk
+            without fields is not twice differentiable, has no minimum at C = 1, or has no bulk
             modulus. ``one_point`` names no parameter or all of them, or ``psi`` is not the sum of
             both parts. With ``"volumetric"``, an isotropic change of volume has a stress that is
             not a pressure.
@@ -217,7 +217,7 @@ class Hyperelastic(StrainEnergy):
         return ufl.as_tensor(moduli[i, j, m, n] * E_GL[m, n], (i, j))
 
     def shape_stress(self, E_GL: Any, **parameters: Any) -> Any:
-        """Deviatoric `linear_stress` of the deviatoric strain, for viscous branches."""
+        """Deviatoric `linear_stress` of the deviatoric part of a strain, for viscous branches."""
         return ufl.dev(self.linear_stress(ufl.dev(E_GL), **parameters))
 
     def free_thickness(self, C: Any, **parameters: Any) -> Any:
@@ -264,10 +264,10 @@ class Hyperelastic(StrainEnergy):
         if one_point is None:
             return False, frozenset()
         raise ValueError(
-            "expected an energy whose stress is a pressure where nothing but the volume changes, "
-            "for one_point='volumetric', given one with another stress there, as of fibres: some "
-            "deformations would release energy; use one_point=(), or an energy of fibres that "
-            "depends on (det C)^(-1/3) C only"
+            "expected, for one_point='volumetric', an energy whose stress is a pressure if only "
+            "the volume changes, given one with another stress, as of fibres: some deformations "
+            "would release energy; use one_point=(), or an energy of fibres that depends on "
+            "(det C)^(-1/3) C only"
         )
 
     def _volumetric_parameters(self) -> frozenset[str]:
@@ -297,7 +297,7 @@ class Hyperelastic(StrainEnergy):
 
 
 def _check_parameters(psi: Callable[..., Any], parameters: Mapping[str, float]) -> None:
-    """Raise unless an energy takes the tensor C, and exactly the given parameters."""
+    """Raise an error unless an energy takes the tensor C, and exactly the given parameters."""
     first = next(iter(signature(psi).parameters), "")
     if first == "F":
         raise TypeError(

@@ -121,7 +121,7 @@ def _trisected(cosine: Any) -> Any:
 
 
 def _num_terms(beta: float, step: int, argument: float) -> int:
-    """Number of terms of the binomial series that second derivatives need, for some powers.
+    """Number of terms of the binomial series, for accurate second derivatives.
 
     Args:
         beta: Exponent.

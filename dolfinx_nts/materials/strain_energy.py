@@ -82,7 +82,7 @@ class StrainEnergy(Declaration):
         Raises:
             TypeError: The energy is not a UFL expression of C, or converts C to numbers.
             ValueError: The energy is not a scalar; or, without fields, is not twice differentiable,
-                has a stress, is not least there, or does not resist a change of volume.
+                has a stress or no minimum there, or does not resist a change of volume.
         """
         if (shape := energy_of_symbols(self.psi).ufl_shape) != ():
             raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
@@ -106,7 +106,7 @@ class StrainEnergy(Declaration):
             )
         if not self._is_stable:
             raise ValueError(
-                "expected psi(C) least at C = 1, given moduli with the negative eigenvalue "
+                "expected psi(C) with a minimum at C = 1, given moduli with a negative eigenvalue, "
                 f"{np.linalg.eigvalsh(self.moduli)[0]:g} Pa: an undeformed body would collapse; "
                 "check the signs of its terms"
             )

@@ -188,7 +188,7 @@ def bodies_of(mesh: Elements, dim: int) -> Bodies:
 def _are_joined(cell: str, cells: GlobalInts, facets: GlobalInts) -> Flags:
     """Whether facets are given twice and lie between two cells, shape ``(f,)``.
 
-    They are those of two volumes whose common nodes were merged. Cells and facets are given by
+    Such facets belong to two volumes whose common nodes were merged. Cells and facets are given by
     their nodes in the order of DOLFINx, vertices first, shapes ``(c, n)`` and ``(f, m)``.
     """
     sides = basix.topology(getattr(basix.CellType, cell))[-2]
@@ -220,7 +220,7 @@ def _tags_by_name(mesh: Elements, dim: int) -> dict[str, int]:
 
 
 def _warn_of_lost_names(mesh: Elements, dim: int) -> None:
-    """Warn of groups without a name beside others with one."""
+    """Warn of groups without a name if other groups have one."""
     groups = mesh.physical(dim)
     lost = [mesh.name(dim, tag) for tag in groups if not mesh.names.get((dim, tag))]
     if lost and len(lost) < len(groups):

@@ -28,7 +28,7 @@ class Kind(NamedTuple):
     num_nodes: int
 
 
-# Element types by gmsh's number: those up to second order, and complete ones of third order.
+# Element types by gmsh's number: all types up to second order, and complete ones of third order.
 # Messages name other types by their number.
 KINDS = {
     1: Kind("Line 2", 1, 1, 2),
@@ -135,6 +135,6 @@ def names(kinds: Iterable[int]) -> str:
 
 
 def stacked(arrays: Iterable[Array], *shape: int) -> Array:
-    """Concatenate arrays of rows as 64-bit integers; an empty array of a shape if none."""
+    """Concatenate arrays of rows as 64-bit integers; without arrays the result is empty."""
     rows = [np.asarray(a, dtype=np.int64).reshape(-1, *shape) for a in arrays]
     return np.concatenate(rows) if rows else np.empty((0, *shape), dtype=np.int64)

@@ -239,7 +239,7 @@ _READERS = {
     b"Entities": (_Content.read_entities, None),
     b"Nodes": (_Content.read_nodes_4, _Content.read_nodes_2),
     b"Elements": (_Content.read_elements_4, _Content.read_elements_2),
-}  # by section: of format 4.1, of format 2
+}  # readers by section, of format 4.1 and of format 2
 
 
 def _parsed(data: bytes) -> Elements:
@@ -282,7 +282,7 @@ def _parsed(data: bytes) -> Elements:
 
 
 def _format(text: bytes) -> tuple[bool, bool, str, int]:
-    """Format: whether 4.1, whether binary, byte order, and number of bytes of ``size_t``."""
+    """Format of the file: whether 4.1, whether binary, byte order, and bytes of a ``size_t``."""
     version, kind, size = text.split(maxsplit=3)[:3]
     if version != _VERSION_4 and version not in _VERSION_2:
         raise ValueError(

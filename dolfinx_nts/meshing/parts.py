@@ -1,4 +1,4 @@
-"""Bodies for a gmsh model: boxes, balls, bowls, rings, tori, rectangles, and those of mesh files.
+"""Bodies for a gmsh model: boxes, balls, bowls, rings, tori, rectangles, and mesh files.
 
 Their cells are hexahedra or tetrahedra, in the plane quadrilaterals or triangles. Each function
 adds one body with named surfaces to a gmsh model in memory, and `read_mesh` creates the mesh of all

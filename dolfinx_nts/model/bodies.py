@@ -109,13 +109,13 @@ class Body(Declaration):
 
     @cached_property
     def splits_volume(self) -> bool:
-        """Whether volumetric terms have one quadrature point per cell. Collective at first."""
+        """Whether volumetric terms have one point per cell. Collective at the first use."""
         if not Element.of(self.V).locks:
             return False
         return self.material.splits_volume or (self.material.has_default_rule and self._locks())
 
     def _locks(self) -> bool:
-        """Whether a material without one Poisson's ratio locks, and has a volumetric part."""
+        """Whether a material that varies in space locks, and has separate volumetric terms."""
         if not (self.material.has_fields and np.isnan(self.material.poisson_ratio)):
             return False
         locks, are_mixed = False, False
@@ -123,7 +123,7 @@ class Body(Declaration):
             locks |= bool(hexahedra_lock(poisson_ratios(moduli)).any())
             are_mixed |= not are_pressures(moduli).all()
         comm = self.V.mesh.comm
-        # Both, as each is collective.
+        # Both reductions, as they are collective.
         locks, are_mixed = reductions.anywhere(comm, locks), reductions.anywhere(comm, are_mixed)
         return locks and not are_mixed
 

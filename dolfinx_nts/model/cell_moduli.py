@@ -47,7 +47,7 @@ class CellModuli:
         self._stress, self._num_points = compile_expression(values, points), len(points)
 
     def __call__(self, cells: Ints) -> Floats:
-        """Moduli at p points of cells, of the strains of `StrainEnergy.moduli`.
+        """Moduli at p points of cells, for the strains listed in `StrainEnergy.moduli`.
 
         Args:
             cells: Local indices of cells, shape ``(c,)``.

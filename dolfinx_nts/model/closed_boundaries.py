@@ -113,7 +113,7 @@ def closed_boundaries(groups: Sequence[Sequence[Body]]) -> list[ClosedBoundary]:
 def boundary_of_mesh(V: fem.FunctionSpace) -> Ints:
     """Triangles with outward normals, or in the plane edges, of the boundary of the mesh. Local.
 
-    They are those of the cells of this rank, as in `ClosedBoundary`.
+    The triangles or edges belong to cells of this rank, as in `ClosedBoundary`.
     """
     segments, orientation, _ = _segments(V)
     return outward_triangles(segments, orientation)
@@ -136,7 +136,7 @@ def outward_triangles(segments: Ints, orientation: Floats) -> Ints:
 
 
 def triangles_at(comm: MPI.Comm, x: Floats, triangles: Ints) -> Floats:
-    """Positions of triangles; in the plane, of those of the extruded edges. Collective.
+    """Positions of triangles, in the plane of the triangles of extruded edges. Collective.
 
     The extrusion is so high that its ends do not affect rays and solid angles. The height is the
     same on all ranks.

@@ -83,7 +83,7 @@ def layers(surface: Surface) -> tuple[Floats, Floats]:
 
 
 def walls(surface: Surface, farthest: float) -> Floats:
-    """Harmonic means of the thickness behind the nodes of a surface, ``(m,)`` [m]. Collective.
+    """Harmonic mean of the thickness behind each node of a surface, ``(m,)`` [m]. Collective.
 
     They are at most ``farthest`` [m], see `wall_thickness`.
     """

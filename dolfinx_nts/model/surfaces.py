@@ -434,7 +434,7 @@ def facing_segments(surface: Surface, *others: Surface) -> tuple[Floats, Flags]:
     """Segments of a surface that face others. Collective.
 
     They are opposite the bounding boxes of the nearest other surfaces, at most two facets farther
-    from them than the nearest segment. Without any, all count.
+    from them than the nearest segment. If there are none, all segments count.
 
     Returns:
         Diameters of the segments of all ranks, shape ``(s,)`` [m], and flags, ``(s,)``.

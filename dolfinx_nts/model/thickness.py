@@ -106,7 +106,7 @@ def _shortest_edges(facets: Floats) -> Floats:
 
 
 def _boundary(triangles: Floats) -> _kernels.Boundaries:
-    """Boundary made of the triangles of this rank, ``(t, 3, 3)`` [m]. Local."""
+    """Boundary kernel with the triangles of this rank, ``(t, 3, 3)`` [m]. Local."""
     rows = np.arange(3 * len(triangles), dtype=np.int32)
     boundary = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
     boundary.move(triangles.reshape(-1, 3))

@@ -31,10 +31,10 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
         action: Function that is called on rank 0.
 
     Returns:
-        What the function returned.
+        Result of the function.
 
     Raises:
-        Exception: What the function raised, as `errors.portable` sends it.
+        Exception: Error of the function, as `errors.portable` sends it.
     """
     result: T | None = None
     error: Exception | None = None

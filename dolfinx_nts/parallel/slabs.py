@@ -70,7 +70,7 @@ class Some(NamedTuple):
     elsewhere: float
 
     def whole(self, n: int) -> Array:
-        """All ``n`` rows."""
+        """Array of all ``n`` rows."""
         shape = n, *self.values.shape[1:]
         # `np.zeros` is fast, since untouched pages are not allocated.
         rows: Array = np.full(shape, self.elsewhere) if self.elsewhere else np.zeros(shape)
@@ -224,7 +224,7 @@ def fetch_rows(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) 
     requests = exchanged(comm, {owner: ids[part] for owner, part in parts.items()})
     is_known = all(np.isin(part, known).all() for part in requests.values())
     if not reductions.everywhere(comm, is_known):
-        raise ValueError("expected numbers of rows that exist on a rank, given other numbers")
+        raise ValueError("expected numbers of existing rows, given one that no rank has")
     places = {asker: np.searchsorted(known, part) for asker, part in requests.items()}
     found = np.empty((len(ids), *rows.shape[1:]), dtype=rows.dtype)
     for owner, answer in exchanged(comm, {k: rows[place] for k, place in places.items()}).items():

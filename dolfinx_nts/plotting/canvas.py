@@ -73,10 +73,10 @@ _BAR = {
 # Left, lower, right and upper end of the axes, below the bar and outside of the bodies.
 _TRIAD = (0.85, 0.0, 0.99, 0.2)
 _TEXT = 14  # size of the text in a corner
-_LABELS = 5  # of the bar, where the range is given
+_LABELS = 5  # number of labels of the bar, if the range is given
 _ABOVE = "magenta"  # colour of values above the range
 _LINE = 24  # width of coloured lines [pixels]
-_BEHIND = 1e-3  # from lines to the bodies behind them, relative to the size of these [-]
+_BEHIND = 1e-3  # distance from lines to the bodies behind them, relative to the bodies [-]
 _ARROW = 0.1  # length of the longest arrow, relative to the picture [-]
 
 
@@ -85,7 +85,7 @@ class Unit(NamedTuple):
 
     Attributes:
         symbol: Its symbol, ``""`` for numbers without one.
-        free: Whether the user has given it: no prefix is added, and times have no unit.
+        free: Whether the user has given the unit: no prefix is added, and times have no unit.
     """
 
     symbol: str
@@ -138,8 +138,8 @@ def grid_of(dim: int, ids: Any, x: Any, values: Any, name: str) -> Any:
     """Create a PyVista grid of cells or facets, coloured by values.
 
     Args:
-        dim: Their dimension, from 1 for edges to 3.
-        ids: x
+        dim: Dimension of the cells or facets, from 1 for edges to 3.
+        ids: Numbers of the vertices, shape ``(c, k)``.
         x: Positions of the vertices, shape ``(c, k, 3)`` [m].
         values: Values of the vertices, shape ``(c, k)``; or of the cells, ``(c,)``, averaged at
             each point of the grid.

@@ -176,8 +176,8 @@ def contact(
         filename: PNG file to write, if one is wanted.
         colour: ``"pressure"`` or ``"gap"``.
         pair: Position of the pair in ``stepper.pairs``.
-        limits: Range of the colours [Pa or m]; by default that of the state, for gaps only up to
-            the size of a segment.
+        limits: Range of the colours [Pa or m]; by default the range of the state, for gaps only up
+            to the size of a segment.
         unit: Symbol of the unit of the values, if it is not SI; it is used unchanged.
             By default the SI unit with a prefix that suits the numbers.
         camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as

@@ -111,17 +111,17 @@ class Candidates(ABC):
             current: Current candidates or -1, shape ``(c,)``.
             reach: Search radius [m].
             numbers: Numbers of the nodes in the returned springs, shape ``(c,)``.
-            stiffness: Returns the secant stiffness of each spring at given gaps minus those at
-                which springs begin, ``(c,)`` [m], shape ``(c,)`` [N/m].
+            stiffness: Returns the secant stiffness of each spring, shape ``(c,)`` [N/m], for gaps
+                minus ``begin_at``, shape ``(c,)`` [m].
             start: Offsets of the occurrences of each node, shape ``(m + 1,)``; None if all nodes
                 occur once.
             slack: See `pair`.
             begin_at: Gaps at which springs begin, shape ``(c,)`` [m].
 
         Returns:
-            Candidate as for `pair`; gap minus that at which the spring begins, averaged over the
-            occurrences of a node, ``(c,)`` [m]; and springs of the nodes where it is negative, with
-            the energies of linear springs of the secant stiffness.
+            Candidate as for `pair`; gap minus ``begin_at``, averaged over the occurrences of a
+            node, ``(c,)`` [m]; and springs of the nodes where this gap is negative, with the
+            energies of linear springs of the secant stiffness.
         """
         segment, gap = self.pair(points, x, current, reach, slack)
         if start is not None:

@@ -1,4 +1,4 @@
-"""How a surface turns at its nodes: convex edges and corners, and convex curvature."""
+"""Turning of a surface at its nodes: convex edges and corners, and convex curvature."""
 
 from collections.abc import Iterator
 from itertools import combinations
@@ -21,9 +21,9 @@ __all__ = ["arc_length", "nodes_on_kinks"]
 # 12 % where it is 0.5; smaller: nodes of the rigid surface, whose pressures scatter, where facets
 # of the other body would do, with an error of 2 % at 0.2.
 _TURNED = 0.25
-# Fraction of plane nodes [-] up to which a surface counts as round. At most a half: round surfaces
-# of straight facets of degree 2, whose mid-nodes are plane, count as plane. Larger: plane tools
-# with rounded edges count as round.
+# Fraction of plane nodes [-] up to which a surface counts as round. Larger: plane tools with
+# rounded edges count as round; smaller, from 0.5 on: round surfaces of straight facets of degree 2,
+# whose mid-nodes are plane, count as plane.
 _MOST = 0.6
 # Angle between facets of a plane due to round-off [rad].
 _ROUND_OFF = 1e-6
@@ -46,9 +46,9 @@ class _Turn(NamedTuple):
 def nodes_on_kinks(surface: Surface) -> tuple[Flags, Floats]:
     """Find the owned nodes at which the surface turns by 30 degrees or more. Collective.
 
-    Two facets around such a node have normals that differ by at least this angle in the reference
-    configuration, and one of them is behind the plane of the other one. Facets beyond a free edge
-    of the surface are unknown.
+    In the reference configuration the normals of two facets around such a node differ by at least
+    this angle, and one facet is behind the plane of the other one. Facets beyond a free edge of the
+    surface are unknown.
 
     Args:
         surface: The surface.

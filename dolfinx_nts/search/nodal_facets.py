@@ -183,8 +183,8 @@ class NodalFacets:
     def pressed_layers(self, x: Floats, normal: Floats) -> tuple[Floats, Floats]:
         """Fractions of the nodal areas on which contact may press, and heights there. Collective.
 
-        Unlike those of `facing_fractions` they are continuous in the normal: the weight of a facet
-        decreases from 1 at 60 degrees to 0 at 90 degrees.
+        Unlike the results of `facing_fractions` they are continuous in the normal: the weight of a
+        facet decreases from 1 at 60 degrees to 0 at 90 degrees.
 
         Args:
             x: See `facing_fractions`.

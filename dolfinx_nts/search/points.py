@@ -34,7 +34,7 @@ class ContactPoints(Protocol):
         """Evaluate a nodal field, shape ``(l, 3)``, at the points, shape ``(p, 3)``."""
 
     def take(self, nodes: Ints) -> "ContactPoints":
-        """Select the points of nodes, given by indices among the nodes with multipliers."""
+        """Select the points of nodes, by indices among the nodes with multipliers."""
 
 
 class NodalPoints:

@@ -100,7 +100,7 @@ class NodalScatter:
         return self._values[self._num_owned :, :d].copy()
 
     def add_of_ghosts(self, total: Floats, ghosts: Floats) -> None:
-        """Add values at ghosts of all ranks, ``(g, d)``, to ``total`` of owned nodes, (n, d)."""
+        """Add ghost values of all ranks, ``(g, d)``, to ``total`` of owned nodes, ``(n, d)``."""
         if self.is_local:
             return
         d = total.shape[1]
@@ -117,8 +117,8 @@ def joint_scatter(scatters: Sequence[NodalScatter]) -> tuple[NodalScatter, list[
         scatters: Scatters with the same owned nodes.
 
     Returns:
-        The joint scatter, and for each given one the numbers of its nodes in the joint map, None
-        if they are the same.
+        The joint scatter, and for each given scatter the numbers of its nodes in the joint map,
+        None if they are the same.
     """
     first = scatters[0]
     if all(scatter.is_local for scatter in scatters):

@@ -29,8 +29,8 @@ class FoundSegments(NamedTuple):
         key: Number of each segment, the same on any partition, ascending, ``(s,)``.
         size: Current diameters, shape ``(s,)`` [m].
         thickness: Heights of the cells below the segments, ``(s,)`` [m, reference].
-        weights: Weights of the nodes of and around each smooth segment in its control points,
-            shape ``(s, c, k)`` [-]; None for flat segments.
+        weights: Weights of the nodes on and around each smooth segment in its control points, shape
+            ``(s, c, k)`` [-]; None for flat segments.
         rise: Weights of the same nodes in the vector from the mean of each facet to the mean of
             its patch, shape ``(s, k)`` [-]; None where it is not needed.
         in_dents: Whether points below concave edges keep a segment, see `GlobalSearch`.
@@ -70,7 +70,7 @@ class SegmentCandidates(Candidates):
 
     @property
     def initial_depth(self) -> Floats:
-        """Initial penetration of points into each group, shape ``(g,)`` [m]."""
+        """Depth up to which initially penetrating points get segments, by group, ``(g,)`` [m]."""
         return self._sunk
 
     @initial_depth.setter

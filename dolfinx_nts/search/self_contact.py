@@ -44,11 +44,11 @@ class SelfContactCandidates(SegmentCandidates):
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
     ) -> Flags:
-        """Choose nodes such that none is a vertex of the segment of another. Collective.
+        """Choose nodes such that no node is a vertex of the segment of another one. Collective.
 
         Greedy selection by ``urgency``. At equal values neighbours of chosen nodes come first, so
-        that one of two flat sides gets all multipliers; then the input number decides, which makes
-        the choice partition-independent. See `Candidates.independent`.
+        that one of two flat sides gets all multipliers. Then the input number decides, so the
+        choice is partition-independent. See `Candidates.independent`.
         """
         node = np.flatnonzero(eligible)
         vertices = self.segments.take(segment[node], axis=0)

@@ -13,7 +13,7 @@ __all__ = ["SharedSegments", "shared_points"]
 
 
 class SharedSegments:
-    """Segments of the nodes that have several. Local.
+    """Segments of the nodes that have several segments. Local.
 
     Args:
         num_nodes: Number of nodes of the surface, ``n``.
@@ -25,7 +25,7 @@ class SharedSegments:
     """
 
     def __init__(self, num_nodes: int) -> None:
-        """Start without nodes with several segments."""
+        """Initially give each node one segment."""
         self.many: Flags = np.zeros(num_nodes, dtype=bool)
         self.node: Ints = np.empty(0, dtype=np.int32)
         self.segment: Ints = self.node

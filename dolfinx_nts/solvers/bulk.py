@@ -35,7 +35,8 @@ class Bulk:
     Attributes:
         comm: Communicator of the mesh.
         u: The unknown.
-        forms: Residual form of the bodies, then that of each load, with the sign of the residual.
+        forms: Residual form of the bodies, then the form of each load, with the sign of the
+            residual.
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells on which residual and derivative are assembled.

@@ -39,10 +39,11 @@ _GAP_ROUNDING = 16 * _EPS
 _LAST_DIGITS = 4 * _EPS
 # Reduction of the residual by an iteration [-] that counts as slow.
 _LITTLE_REDUCTION = 0.1
-# Number of initial iterations in which the cone problem may be solved, and its period later. In the
-# other iterations multipliers determine the states, which is better where round-off decides between
-# stick and slip. Far from equilibrium statics solves it in every iteration, if there is no friction
-# (the problem is a minimisation) or if only contact supports bodies.
+# Number of initial iterations in which the cone problem may be solved, and period of iterations in
+# which it may be solved later. In the other iterations multipliers determine the states, which is
+# better where round-off decides between stick and slip. Far from equilibrium statics solves it in
+# every iteration, if there is no friction (the problem is a minimisation) or if only contact
+# supports bodies.
 _FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
 # Increment relative to the smallest cell [-] below which linearised slips of bodies supported only
 # by contact are accurate enough for the cone problem: errors due to rotation grow with its square.
@@ -139,7 +140,7 @@ class Convergence:
 
     Attributes:
         iteration: Number of linear systems solved so far.
-        norms: Norms of the residuals before each of them, and the last one [N].
+        norms: Norms of the residuals before each linear system, and the last one [N].
     """
 
     def __init__(
@@ -213,7 +214,7 @@ class Convergence:
         return Measures(norm, scale, target, changed, failed, num_open > 0, num_prescribed, solves)
 
     def _has_to_be_polished(self, excess: float, x: Floats) -> bool:
-        """Whether to refine a solution by one more linear system, at most once. Collective.
+        """Whether to refine a solution by one additional linear system, at most once. Collective.
 
         Multipliers may be large, so that they do work on tiny remaining gaps.
 

@@ -53,8 +53,9 @@ _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
 # Weakest reduction in statics [-]: larger errors would move bodies supported only by contact, and
 # cause sliding of nodes with small slips.
 _STATIC_REDUCTION = 1e-4
-# Largest number of these systems in an iteration, and part of the motions [-] below which no more
-# are solved. One system is enough for a brick that slides along one axis.
+# Largest number of linear systems in an iteration that remove suppressed motions, and remaining
+# fraction of the motions [-] below which no further system is solved. One system is enough for a
+# brick that slides along one axis.
 _MOST_RESPONSES, _SLIDES = 6, 1e-3
 # Reduction in the first iteration of an impact [-], if one application of the preconditioner
 # achieves it: the nonlinearity of the step is of similar size.
@@ -62,8 +63,8 @@ _ROUGH_REDUCTION = 0.15
 # Forcing terms for quadratic convergence: factor and exponent of the last reduction (S. C.
 # Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996), choice 2).
 _RATE_FACTOR, _RATE_POWER = 0.9, 1.6
-# Residual of the last iteration relative to the target [-], and largest ratio of the forcing term
-# to the reduction for this residual [-] at which this is the last iteration.
+# Residual of the last iteration relative to the target [-], and ratio of the forcing term to the
+# reduction for this residual [-] up to which the iteration is the last one.
 _AIM, _NEAR = 0.3, 1e3
 
 
@@ -347,7 +348,7 @@ class _Iteration:
         du: Floats,
         dlambda: list[Floats] | None,
     ) -> tuple[Floats, list[Floats] | None]:
-        """Solution of the linear system, corrected to have hardly any of the suppressed motions.
+        """Solution of the linear system, with the suppressed motions removed almost completely.
 
         Bodies that slide far along each other deform, so that removing only the rigid motion from
         the increment would leave forces out of balance. Instead, inertial forces that stop the

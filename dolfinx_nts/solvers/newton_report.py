@@ -16,7 +16,7 @@ class NewtonReport:
         residual_norms: Euclidean norm of the residual before each linear solve, and the last one
             [N].
         num_active: Active pairs at the end.
-        reason: Why the iteration stopped, empty if it converged.
+        reason: Reason why the iteration stopped, empty if it converged.
         start: Starting guess in words, empty if unknown.
         is_hopeless: Whether the iteration would fail from any starting guess.
         is_undecided: Whether states of contact or friction still changed when the iteration failed.
@@ -47,7 +47,7 @@ class ConvergenceError(RuntimeError):
     The text states the cause and a remedy, and then lists the attempts, one a line.
 
     Attributes:
-        cause: Why the step failed.
+        cause: Reason why the step failed.
         reports: One report for each attempt.
 
     Example:

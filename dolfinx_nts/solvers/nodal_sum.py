@@ -56,7 +56,7 @@ class NodalSum:
         return self._sum([self._bodies, *self._loads])
 
     def assembled_bodies(self) -> Floats:
-        """The form of the bodies alone, a copy. Collective."""
+        """Form of the bodies alone, assembled, a copy. Collective."""
         self.num_assembled += 1
         return self._sum([self._bodies])
 
@@ -65,7 +65,7 @@ class NodalSum:
         return self._sum(self._loads)
 
     def assembled_each_load(self) -> list[Floats]:
-        """The form of each load, copies. Collective."""
+        """Form of each load, assembled, copies. Collective."""
         return [self._sum([load]) for load in self._loads]
 
     def sample(self, most: int) -> Floats:

@@ -67,7 +67,7 @@ class PrescribedMotion:
         return tuple(states)
 
     def limit(self, du: Floats) -> Floats:
-        """Increment of all nodes, ``(d n,)`` [m], including the prescribed one of supports.
+        """Increment of all nodes, ``(d n,)`` [m], including the prescribed increment of supports.
 
         It is scaled down to limit strains of cells, and penetrations of new contacts. Collective.
         """

@@ -1,7 +1,7 @@
 """Prescribed motion in statics, applied in substeps together with the motion of the bodies.
 
 If supports, guides and obstacles moved in one increment, with all other nodes fixed, cells at
-supports would be inverted, and sticking nodes would be far from a moving tool. Newton's method then
+supports would be inverted. Sticking nodes would be far from a moving tool. Newton's method then
 fails for nearly incompressible materials, and contact forces do not predict the active set. Here
 the remaining prescribed increment is a known part of the linear systems: the tangents of bodies and
 contacts transmit it to the other nodes, with closed gaps and sticking nodes kept. If it would
@@ -34,8 +34,8 @@ _LARGEST_STRAIN = 0.05
 # Residual, relative to the forces of the remaining increment [-], below which the next substep
 # begins.
 _FOLLOWED = 1e-3
-# Remaining fractions of the motion [-]: one that is applied at once, as its forces are round-off;
-# and one that counts as zero.
+# Remaining fraction of the motion that is applied in one increment, as its forces are round-off;
+# and fraction that counts as zero [-].
 _REST, _ROUND_OFF = 1e-6, 1e-12
 # Fraction of the remaining motion [-] above which an increment counts in `duration`. Smaller
 # increments, due to contact, may be numerous.

@@ -64,7 +64,7 @@ class OverlapCauses:
             )
         return (
             "no contact pair contains both, so that no contact force acts between them; add one, "
-            "for instance by all_pairs, unless it is meant"
+            "for instance by all_pairs, unless this is intended"
         )
 
     def at_start(self, overlap: Overlap, x: Floats) -> str:
@@ -97,9 +97,9 @@ class OverlapCauses:
                 "apart before the first step, as no force acts on the deeper parts"
             )
         if self._is_static:
-            return "harmless if it is meant: the first step makes a press fit, and closes the gaps"
+            return "harmless if intended: the first step makes a press fit, and closes the gaps"
         return (
-            "harmless if it is meant: a step of QuasiStatic makes a press fit, from which "
+            "harmless if intended: a step of QuasiStatic makes a press fit, from which "
             "load_state continues with inertia; without it, elastic impact keeps this depth, "
             "while plastic impact and springs throw the bodies apart; otherwise move them apart "
             "before the first step"

@@ -25,9 +25,9 @@ _logger = logging.getLogger("dolfinx_nts")
 # Reporting thresholds for the overlap depth, relative to the longest facet [-]: initially (meshes
 # of curved surfaces overlap by less), and for its increase in a run.
 _AT_START, _IN_RUN = 0.02, 0.1
-# Allowed approach of two touching bodies between checks, relative to the sum of a cell of each [-],
-# and fraction of it after which a check is due [-]. Closer to 1: the motion of all nodes is
-# measured in more steps.
+# Allowed approach of two touching bodies between checks, relative to the sum of the sizes of one
+# cell of each [-], and fraction of this approach after which a check is due [-]. Closer to 1: the
+# motion of all nodes is measured in more steps.
 _UNSEEN, _USED = 0.7, 0.85
 
 
@@ -42,8 +42,9 @@ class OverlapWatch:
     Args:
         bodies: The bodies.
         contacts: The contact pairs.
-        clear: Called after a check without overlaps, with the positions, shape ``(l, 3)`` [m], and
-            the least approach from there by which bodies of a pair pass through each other [m].
+        clear: Called after a check without overlaps, with two arguments: positions, shape ``(l,
+            3)`` [m], and the least approach from there by which bodies of a pair pass through each
+            other [m].
 
     Attributes:
         is_static: Whether there is no inertia, for the remedies.
@@ -69,7 +70,7 @@ class OverlapWatch:
         self._reported: dict[str, Overlap] = {}
         self._waiting: dict[str, list[Overlap]] = {}
         # Positions and time of the last check, whether anything has moved since, and the allowed
-        # approach of each two bodies until the next check, see `OverlapSearch.approach`.
+        # approach of any two bodies until the next check, see `OverlapSearch.approach`.
         self._seen: tuple[Floats, float] | None = None
         self._moved = False
         self._allowed: Floats = np.zeros((1, 1))
@@ -359,7 +360,7 @@ def _relative_depth(overlap: Overlap) -> float:
 
 
 def _described(overlap: Overlap) -> str:
-    """Depth of an overlap in words, with the outer body."""
+    """Text with the depth of an overlap and the outer body."""
     inner, outer = overlap.names
     outer = "itself" if outer == inner else outer
     return (

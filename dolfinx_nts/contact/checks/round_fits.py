@@ -27,18 +27,19 @@ __all__ = ["warn_of_round_fits"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Part of the extent of the smaller surface by which the boxes of both overlap where one is around
-# the other [-], search radius relative to the longest facet [-], and least number of facets [-].
+# Least overlap of the boxes of two surfaces along each axis, relative to the smaller box [-], if
+# one surface encloses the other; search radius relative to the longest facet [-]; and least number
+# of facets [-].
 _AROUND, _REACH, _FEWEST = 0.05, 0.5, 8
-# Gap of a facet relative to the deviation of facets [-] above which facets do not matter, and
-# length of the mean normal of an arc of facets [-] below which it is around the other body: 0.97
-# for an arc of 50 degrees, as in models of a sixth. A pin in a hole with a ratio of 4 has 11 % too
-# much force.
+# Gap of a facet relative to the deviation of facets [-] above which facets do not matter (at a
+# ratio of 4 the force of a pin in a hole is 11 % too large). Length of the mean normal of an arc of
+# facets [-] below which the arc encloses the other body: 0.97 for an arc of 50 degrees.
 _WIDE, _TURNED = 10.0, 0.97
 # Deviation from a round surface, and difference of the radii of both surfaces [-], above which
-# surfaces do not fit. Part of the normals along the axis of a cylinder [-], less than on spheres.
+# surfaces do not fit. Largest axial component of the normals of a cylinder [-], less than on
+# spheres.
 _ROUND, _SIMILAR, _ALONG_AXIS = 0.15, 0.3, 0.02
-# Deviation relative to the length of facets [-] up to which nodes of both lie opposite each other.
+# Deviation relative to the length of facets [-] up to which the nodes of two surfaces coincide.
 _ROUND_OFF = 1e-9
 
 
@@ -73,11 +74,12 @@ class _Places:
 
 
 def warn_of_round_fits(pairs: Sequence[ContactPair], bodies: Sequence[Body]) -> None:
-    """Warn of round bodies in each other whose gap is not resolved by their facets. Collective.
+    """Warn of round bodies inside each other whose facets do not resolve the gap. Collective.
 
     Facets are chords of the round surfaces: the gap of a pin in a hole varies along each facet,
     unless the nodes of both lie opposite each other. Bodies fit if a connected arc of facets of one
-    of them, of 50 degrees or more, lies close to a surface of about the same radius of the other.
+    body, of 50 degrees or more, lies close to a surface of the other body with about the same
+    radius.
 
     Args:
         pairs: The contact pairs.
@@ -104,7 +106,7 @@ def warn_of_round_fits(pairs: Sequence[ContactPair], bodies: Sequence[Body]) -> 
 
 
 def _remedy(V: fem.FunctionSpace) -> str:
-    """What resolves the gap. Local."""
+    """Advice for a mesh that resolves the gap. Local."""
     if Element.of(V).degree == 1:
         return "finer facets, or both surfaces with smooth=True and method='mortar'"
     if compat.geometry_degree(V.mesh) == 1:

@@ -16,9 +16,9 @@ __all__ = ["ShortContacts"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Number of steps of an impact that are too few [-], and of those without contact after which it
-# has ended. Two pendulums with soft rims leave an impact of 2, 6 and 18 steps with a speed that is
-# 43, 8 and 0.4 % too small. Larger: with 8, impacts on corners that are right are reported;
+# Number of steps up to which an impact is too short, and number of steps without contact after
+# which it has ended [-]. Two pendulums with soft rims leave an impact of 2, 6 and 18 steps with a
+# speed that is 43, 8 and 0.4 % too small. Larger: with 8, accurate impacts on corners are reported;
 # smaller: impacts of 3 or 4 steps are not.
 _FEW = 4
 # Steps in an impact that the message asks for [-], as in the last of these impacts.

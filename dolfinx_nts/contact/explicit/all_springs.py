@@ -70,7 +70,7 @@ class AllSprings:
         )
 
     def bounds(self, x: Floats, moved: float) -> list[float]:
-        """Half the bounds on the approach of both sides of each pair [m]. Local.
+        """Half the bound on the approach of both sides, for each pair [m]. Local.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
@@ -79,7 +79,7 @@ class AllSprings:
         return [contact.search.displacement_bound(x, moved) for contact in self._contacts]
 
     def fast(self, bounds: Sequence[float]) -> list[tuple[ContactSprings, float]]:
-        """Pairs whose nodes may pass through a surface in a step, with `bounds` of each. Local."""
+        """Pairs whose nodes may pass through a surface in a step, by their `bounds`. Local."""
         both = zip(self.pairs, bounds, strict=True)
         return [
             (springs, bound)

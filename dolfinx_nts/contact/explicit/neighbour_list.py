@@ -1,7 +1,7 @@
 """Neighbour list of explicit steps: nodes of a pair that may touch within the next steps.
 
 As in molecular dynamics (Verlet), the list has a margin and is rebuilt when nodes and segments
-may have approached each other by most of it.
+may have approached each other by most of the margin.
 """
 
 from collections.abc import Sequence
@@ -29,9 +29,10 @@ _REACH = 0.5
 # [-]. It must not be less than the reach, or deep nodes would be missing. Larger values give longer
 # lists, smaller ones more searches.
 _MARGIN = 0.5
-# Largest stiffness of springs under loads above those of waves, relative to that below [-]. Larger:
-# nodes vibrate, as explicit steps resolve it: with 1, 2.5, 3, 5 and 10 the peak force of a ball on
-# a block of 6 cells is 12, 6, 5, 0 and -3 % too small; forces scatter by 0, 0.3, 0.4, 3 and 5 %.
+# Stiffness of springs under loads above those of waves, relative to their stiffness below [-].
+# Larger: nodes vibrate, as explicit steps resolve the vibration. With 1, 2.5, 3, 5 and 10 the peak
+# force of a ball on a block of 6 cells is 12, 6, 5, 0 and -3 % too small; forces scatter by 0, 0.3,
+# 0.4, 3 and 5 %.
 _STIFFER = 2.5
 # Fraction of the margin [-] after which the list is rebuilt. If it is close to 1, the motion of all
 # nodes has to be measured in many steps.
@@ -42,7 +43,7 @@ def under_load(stiffness: Floats | float, limit: Floats) -> Floats:
     """Stiffness of springs under loads above those of waves, as far as the step allows. Local.
 
     Args:
-        stiffness: Stiffness below, shape ``(n,)`` [N/m].
+        stiffness: Stiffness below these loads, shape ``(n,)`` [N/m].
         limit: Largest stiffness that the step allows, shape ``(n,)`` [N/m].
     """
     loaded: Floats = np.fmax(stiffness, np.fmin(limit, _STIFFER * stiffness))
@@ -157,7 +158,7 @@ class NeighbourList:
         return secant
 
     def missing_energy(self, gap: Floats) -> Floats:
-        """Energy of linear springs of the secant stiffness minus that of springs, ``(c,)`` [J]."""
+        """Energy of linear springs of the secant stiffness minus spring energy, ``(c,)`` [J]."""
         if self.stiffest is None:
             return np.zeros_like(gap)
         depth, beyond = self._beyond(gap)
@@ -190,7 +191,7 @@ class NeighbourList:
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
             segment: Segments of the rows or -1, shape ``(c,)``.
-            gap: Gaps to these minus those at which springs begin, shape ``(c,)`` [m].
+            gap: Gaps to these segments minus ``begin_at``, shape ``(c,)`` [m].
             begin_at: Gaps at which springs begin, shape ``(c,)`` [m].
             dt: Length of the step [s].
 
@@ -203,7 +204,7 @@ class NeighbourList:
             return False
         known = np.full(len(self.soft_depth), np.nan)
         known[node] = last
-        # The speed of nodes that touch without compression at the start is known after one step.
+        # Nodes that initially touch without compression have no known speed before one step.
         approach: Floats = known[self.number] - (gap + begin_at)
         touches = np.isnan(approach) & (gap > -TOUCHES * self._state.pair.segment_size)
         self._pressed[touches] = -1
@@ -292,7 +293,7 @@ class NeighbourList:
     def _stiffness(self, node: Ints, fraction: Floats) -> Floats:
         """Stiffness of the springs of some nodes up to their soft depth, ``(m,)`` [N/m]. Local.
 
-        ``fraction`` is the fraction that acts of the stiffness of cells at all nodes, ``(n,)``.
+        ``fraction`` is the active fraction of the stiffness of cells, at all nodes, ``(n,)`` [-].
         """
         eps_N = self._state.eps_N
         assert eps_N is not None

@@ -202,8 +202,8 @@ class ContactSprings:
 
         ``squared_frequency`` is the largest squared angular frequency of normal springs with the
         reduced mass of a node and a vertex of a segment [1/s^2]. Springs are as stiff as cells, or
-        as this frequency allows; under loads above those of waves they are stiffer than cells if
-        it allows that.
+        as this frequency allows; under loads larger than those of waves they are stiffer than cells
+        if the frequency allows it.
         """
         stiffest: Floats = squared_frequency * self._reduced_mass
         penalty = tangential = np.minimum(stiffest, self._cells / SOFT)
@@ -211,7 +211,8 @@ class ContactSprings:
             penalty = tangential = np.full_like(penalty, self._penalty)
         elif self._state.pair.method != EDGES:
             self._neighbours.stiffest = stiffest
-            # As stiff as loaded normal springs: slip would reverse too late in an oblique impact.
+            # As stiff as loaded normal springs: with softer ones slip reverses too late in an
+            # oblique impact.
             tangential = under_load(penalty, stiffest)
         # `PairState.choose_penalty` multiplies by the share.
         self._state.choose_penalty(penalty / self._share, tangential / self._share)
@@ -327,7 +328,7 @@ class ContactSprings:
     def _springs(
         self, x: Floats, begin_at: Floats | None, slack: float = _kernels.HYSTERESIS
     ) -> tuple[Floats | float, Ints, Floats, _kernels.Springs]:
-        """Where springs of the rows begin, and the results of `Candidates.penalty_forces`.
+        """Gaps at which springs of the rows begin, and results of `Candidates.penalty_forces`.
 
         ``begin_at`` are gaps at which springs begin, see `_begin_at`.
         """

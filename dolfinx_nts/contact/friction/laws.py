@@ -459,7 +459,7 @@ def _stiffness(eps_T: float | None) -> float | None:
 
 
 def _shown(value: Any) -> Any:
-    """What stands for a value in a ``repr``: the class of a Constant, whose own names the mesh."""
+    """Value in a ``repr``; only the class of a Constant, whose own repr contains the mesh."""
     return type(value) if isinstance(value, fem.Constant) else value
 
 

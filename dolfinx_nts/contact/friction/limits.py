@@ -22,7 +22,7 @@ _ROUNDING = 1e-14
 # the derivative of the traction if the slope of the limit is close to -eps_T.
 _LEAST_SLOPE = 1e-3
 # Check of derivatives: steps [s], normal forces [N] and slips [m] at which they are compared with
-# differences, and number of nodes. At these odd numbers a law hardly has a kink.
+# differences, and number of nodes. At such numbers, which are not round, a law hardly has a kink.
 _STEPS = (1.37e-3, 0.413)
 _FORCES = 1.37 * 10.0 ** np.arange(-2, 7, 2)
 _SLIPS = 1.37 * 10.0 ** np.arange(-8, 1)
@@ -30,7 +30,7 @@ _NUM_NODES = 4
 # Relative step of the differences [-], and their admissible relative errors: of second order if
 # one-sided differences enclose the derivative, and by round-off of the limit [-].
 _PART, _DEVIATION, _ROUND_OFF = 1e-4, 1e-5, 1e-14
-# Names of what a law returns.
+# Names of the results of a law.
 _NAMES = "limit", "derivative with respect to p", "derivative with respect to slip"
 
 
@@ -80,11 +80,12 @@ class Limits:
     def at(self, node: Ints, p: Floats, slip: Floats | None = None) -> NodalLimit:
         """Limits of nodes for normal forces p [N] and slips [m] (None: no slip), ``(m,)``.
 
-        Derivatives that are not finite at p = 0, such as that of p^(2/3), count as 0 there.
+        Derivatives that are not finite at p = 0, such as the derivative of p^(2/3), count as 0
+        there.
 
         Raises:
-            ValueError: A limit is negative, or a limit or derivative is not finite at finite p > 0
-                and slip, or a limit at p = 0.
+            ValueError: A limit is negative; a limit or a derivative is not finite at finite p > 0
+                and slip; or a limit is not finite at p = 0.
         """
         pressed = np.maximum(p, 0.0)
         slip = np.zeros(len(p)) if slip is None else slip
@@ -152,7 +153,7 @@ class Limits:
 
 
 def check_law(law: FrictionLaw, nodes: Any) -> None:
-    """Evaluate a law at owned nodes of a surface, and compare derivatives with differences.
+    """Evaluate a law at owned nodes of a surface, and check its derivatives by differences.
 
     Collective, as is the area of the nodes at its first use.
 
@@ -196,8 +197,8 @@ def coefficients_of(law: FrictionLaw | None, nodes: Any) -> list[Any]:
         nodes: Nodes of the contact pair.
 
     Returns:
-        What the law reads by `FrictionNodes.value`, and its attributes, also those of laws among
-        these; the same on all ranks.
+        Constants and Functions that the law reads by `FrictionNodes.value` or has as attributes,
+        also those of a law that is an attribute; the same on all ranks.
     """
     if law is None:
         return []
@@ -208,7 +209,7 @@ def coefficients_of(law: FrictionLaw | None, nodes: Any) -> list[Any]:
 
 
 def _attributes(law: FrictionLaw) -> list[Any]:
-    """Constants and Functions among the attributes of a law, and of laws among these. Local."""
+    """Constants and Functions among the attributes of a law, and of laws in it. Local."""
     found = list[Any]()
     for value in vars(law).values():
         if isinstance(value, FrictionLaw):
@@ -221,7 +222,8 @@ def _attributes(law: FrictionLaw) -> list[Any]:
 def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     """Compare derivatives of a law in a step dt [s] with one-sided differences of the limit. Local.
 
-    At a kink, such as that of a cap, a derivative may have any value between both differences.
+    At a kink of the limit, such as at a cap, a derivative may have any value between both
+    differences.
     """
     some = np.unique(np.linspace(0, len(nodes.nodes) - 1, _NUM_NODES, dtype=np.int32))
     grid = (each.ravel() for each in np.meshgrid(some, _FORCES, _SLIPS, indexing="ij"))
@@ -230,8 +232,8 @@ def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     at = limits.at(node, p, slip)
     if np.any(at.force != limits.at(node, p, slip).force):
         raise ValueError(
-            f"expected the same limits of {law!r} for the same arguments, given other ones in the "
-            "second call: a law has no memory but nodes.slipped"
+            f"expected the same limits of {law!r} for the same arguments, given other ones in a "
+            "second call: the only memory of a law is nodes.slipped"
         )
     if not law.depends_on_slip and np.any(at.force != limits.at(node, p).force):
         raise ValueError(

@@ -159,7 +159,7 @@ def slip_energy(traction: Floats, eps_T: Floats | None) -> Floats:
 
 
 def _polar(t: Floats) -> tuple[Floats, Floats, Floats]:
-    """Length and direction of vectors, and projector normal to it; 0 for zero vectors."""
+    """Lengths and directions of vectors, and projectors normal to them; 0 for zero vectors."""
     size: Floats = np.linalg.norm(t, axis=1)
     s = t / np.where(size > 0, size, 1.0)[:, None]
     across: Any = np.eye(2) - s[:, :, None] * s[:, None, :]

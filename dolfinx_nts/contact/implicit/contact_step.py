@@ -59,7 +59,7 @@ class ContactStep:
         scheme: Kernel of contact: ``"conserving"``, ``"midpoint"`` or ``"static"``.
         x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
             [m].
-        x_trial: The same for the trial state without contact, see `Rates`.
+        x_trial: Positions in the trial state without contact, see `Rates`, of the same shape [m].
         stiffness: Stiffness of each owned node of the space, shape ``(n,)`` [N/m]: the weight
             in the tests for contact and stick.
         free: 1 where the displacement of an owned node is unknown, 0 where it is prescribed, shape
@@ -148,7 +148,7 @@ class ContactStep:
         has_rigid = is_rigid is not None and bool(is_rigid.any())
         flags = np.array([bool(self.normal.may_touch.any()), has_rigid])
         self.may_touch, self.has_rigid_nodes = map(bool, reductions.anywhere(self._comm, flags))
-        # Results of the first evaluation that cannot change later.
+        # Results of the first evaluation that stay constant in the step.
         self._idle: ContactContribution | None = None
         self.num_active, self.touched = 0, np.zeros(len(members(state)), dtype=bool)
 
@@ -176,7 +176,7 @@ class ContactStep:
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
         self.count_active(pairs.node)
-        if iteration == 0:  # without a previous one the set of active pairs is new
+        if iteration == 0:  # there is no previous active set
             changed = int(np.count_nonzero(self.normal.active[pairs.node]))
         dim = self._unknown.dim
         contribution = contribution_of(pairs, self.normal, self.friction, dim, changed)
@@ -304,7 +304,7 @@ def contact_forces(
     contributions: Sequence[ContactContribution],
     shape: tuple[int, int],
 ) -> Floats:
-    """As `contact_residual`, but also at prescribed displacements, shape ``(n, d)`` [N]."""
+    """Contact forces, also at prescribed displacements, see `contact_residual`, ``(n, d)`` [N]."""
     everywhere = [each._replace(residual=each.force) for each in contributions]
     return contact_residual(steps, everywhere, shape).reshape(shape)
 

@@ -237,7 +237,7 @@ class LocalSearch:
 
     @staticmethod
     def _additional_reach(pair: ContactPair) -> float:
-        """Length added to the search radius, such as that of edges [m]."""
+        """Length added to the search radius, such as the length of edges [m]."""
         return 0.0
 
     @property
@@ -447,7 +447,7 @@ class StaticSearch(LocalSearch):
 
     _overhang = STATIC_OVERHANG
     # Static steps are long: a node that has left the edge between its segments gets only one of
-    # them, with the same tolerance as at the start of a step.
+    # them. The tolerance is the same as at the start of a step.
     _sharing = _kernels.HYSTERESIS
 
 

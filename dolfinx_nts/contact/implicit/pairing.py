@@ -54,7 +54,7 @@ class Pairing(ABC):
 
     @abstractmethod
     def exchanged(self, x: Floats) -> "Pairing":
-        """The same nodes and segments in a step that starts at x instead of x_n."""
+        """Copy with the same nodes and segments for a step that starts at x instead of x_n."""
 
     @abstractmethod
     def slip(self, measure: str, x: Floats, node: Ints, segment: Ints) -> Slip:
@@ -88,7 +88,7 @@ class NodePairing(Pairing):
         history: Contact of the nodes in the last step.
 
     Attributes:
-        shared: Segments of those nodes that are equally near to several. The gap of such a node
+        shared: Segments of nodes that are equally near to several segments. The gap of such a node
             is the mean of its gaps to these segments.
     """
 
@@ -181,7 +181,7 @@ class NodePairing(Pairing):
         return of_segments
 
     def is_same(self, pairs: PairKinematics) -> Flags:
-        """Whether the sets of segments of nodes are those of the last step, by their keys."""
+        """Whether nodes have the same set of segments as in the last step, by their keys."""
         last, key = self._history, self._candidates.key
         same: Flags = last.key[pairs.node] == key[pairs.segment]
         if self.shared.many.any() or last.shared.any():

@@ -1,7 +1,8 @@
 """Evaluation of nodes that are equally near to several segments, see `SharedSegments`.
 
-Each gap is invariant and has a discrete gradient, so a mean of gaps also conserves energy and
-momenta exactly. The segments of a node change only between steps, or with its candidate segment.
+Each gap is invariant under rigid motions and has a discrete gradient, so a mean of gaps conserves
+energy and momenta exactly, too. The segments of a node change only between steps, or with its
+candidate segment.
 """
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints

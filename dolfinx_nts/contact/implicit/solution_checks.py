@@ -39,9 +39,9 @@ __all__ = [
     "passing_without_contact",
 ]
 
-# Largest depth of an active node below an adjacent segment, or of one without force in the middle
-# of the step, and by how much the former may exceed the depth below the node's own segment,
-# relative to the size of a segment [-].
+# Relative to the size of a segment [-]: largest depth of an active node below an adjacent segment,
+# or of a node without force in the middle of the step; and largest difference between the depths of
+# an active node below an adjacent segment and below its own.
 _DEEP, _DEEPER = 0.1, 0.05
 # Ratio of trial to computed relative motion of node and segment [-] below which a node moves from
 # rest, so that the trial motion does not predict contact. Larger: steps of vibrating bodies are
@@ -56,7 +56,7 @@ _OPEN = 1e-3
 _CONE, _PARALLEL = 1e-3, 0.05
 # Admissible error of a multiplier relative to the residual norm [-].
 _NOISE = 10
-# Text on nodes that penetrate without force, with their depth, and its cause.
+# Text on nodes that penetrate without force, with the largest depth [m], and the cause.
 _INSIDE = "are inside the other surface without contact force, up to {:.3g} m deep,"
 _FARTHER = "they moved farther than the search expected"
 # Slip relative to the longest segment [-] below which round-off determines its direction.
@@ -189,8 +189,8 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
 def _passing_message(step: ContactStep) -> str:
     """Message naming nodes of a skipped pair that pass through a surface, or "". Collective.
 
-    The step is solved again with this pair, whose solution is checked as that of any other.
-    ``step`` is its contact with the end of the step as trial state.
+    The step is solved again with this pair, whose solution is checked like the solution of any
+    pair. ``step`` is its contact with the end of the step as trial state.
     """
     if vertex_tolerance(step.state) is not None:
         return ""
@@ -204,7 +204,7 @@ def _passing_message(step: ContactStep) -> str:
 
 
 def _message(step: ContactStep, node: Ints, gap: Floats, x: Floats) -> str:
-    """Message naming penetrating nodes without force, and the deepest position, or "". Collective.
+    """Message naming penetrating nodes without force, and the deepest one, or "". Collective.
 
     Args:
         step: Contact of their surface.
@@ -303,7 +303,7 @@ def check_boundaries(
 
 
 def _passage(step: ContactStep, free: Flags) -> Passage:
-    """Nodes that pass through their candidates, among those flagged by `free`, ``(n,)``. Local."""
+    """Nodes flagged by `free`, ``(n,)``, that pass through their candidates. Local."""
     search = step.search
     ends, start = (search.x_n, step.x), search.start
     return Passage.through(search.candidates, search.points, ends, start, search.reach, free)

@@ -98,7 +98,7 @@ Out<T> create(std::initializer_list<std::size_t> shape)
   return Out<T>(nb::steal(array));
 }
 
-/// Extent that any number satisfies in `check`.
+/// Wildcard in the shape for `check`: any extent is accepted.
 inline constexpr std::size_t any = static_cast<std::size_t>(-1);
 
 /// @brief Raise ValueError that names the expected and the given shape.

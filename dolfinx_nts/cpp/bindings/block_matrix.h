@@ -24,7 +24,8 @@ block_matrix(const In<std::int64_t>& start, const In<std::int32_t>& column,
   check("start", start, {any});
   check("column", column, {any});
   if (behind.size() % (B * B) != 0 || behind.size() > B * B * column.size())
-    throw nb::value_error("behind: expected blocks of the last columns");
+    throw nb::value_error(
+        "behind: expected whole blocks, at most one for each entry of column");
   check("value", value, {B * B * column.size() - behind.size()});
   const BlockMatrix<B> result = {.start = view(start),
                                  .column = view(column),
@@ -35,7 +36,8 @@ block_matrix(const In<std::int64_t>& start, const In<std::int32_t>& column,
   if (result.start.front() != 0
       || static_cast<std::size_t>(result.start.back()) != column.size()
       || !std::ranges::is_sorted(result.start))
-    throw nb::value_error("start: expected rows that hold all columns");
+    throw nb::value_error(
+        "start: expected ascending offsets, from 0 to the length of column");
   if (std::ranges::any_of(result.column, [](auto j) { return j < 0; }))
     throw nb::value_error("column: expected no negative entry");
   return result;

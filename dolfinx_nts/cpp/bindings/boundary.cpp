@@ -22,7 +22,8 @@ public:
                     views("triangles", _triangles, {any, 3}))
   {
     if (_triangles.size() != _nodes.size())
-      throw nb::value_error("triangles: expected as many arrays as nodes");
+      throw nb::value_error(
+          "triangles: expected one array for each array of nodes");
   }
 
   void move(Doubles x)
@@ -147,7 +148,8 @@ private:
   {
     check(name, x, {any, 3});
     if (x.shape(0) < _num_rows)
-      throw nb::value_error("x: expected all rows of the boundaries");
+      throw nb::value_error(
+          "x: expected a row for each node of the boundaries");
   }
 
   void check_points(const char* name, const Doubles& points, std::size_t width,

@@ -33,20 +33,20 @@ public:
       throw nb::value_error("components: expected 2 or 3 values a node");
     check("X", _X, {any, 3});
     check("vertices", _vertices, {any, any});
-    check_rows("vertices: expected rows of X", _vertices, _X.shape(0));
+    check_rows("vertices: expected row numbers of X", _vertices, _X.shape(0));
     check("nodes", _nodes, {_vertices.shape(0), any});
     check("rows", _rows, {_vertices.shape(0), any});
     _num_nodes = largest("nodes", _nodes);
     _num_rows = largest("rows", _rows);
     if (first.size() != _functions.size())
-      throw nb::value_error("first: expected a place for each function");
+      throw nb::value_error("first: expected one index for each function");
     const std::size_t values = components * _nodes.shape(1);
     for (std::size_t i = 0; i < first.size(); ++i)
     {
       check_values("functions", _functions[i], components * _num_nodes);
       if (first[i] > width || values > width - first[i])
         throw nb::value_error(
-            "first: expected places for all values of the nodes");
+            "first: expected all values of each function within width");
       _gathered.push_back({view(_functions[i]), first[i]});
     }
     check("places", _places, {any});
@@ -90,7 +90,7 @@ private:
     check(name, values, {any});
     if (values.size() < number)
       throw nb::value_error(
-          (std::string(name) + ": expected all values of each node").c_str());
+          (std::string(name) + ": expected the values of all nodes").c_str());
   }
 
   /// @brief Largest entry plus 1: the least valid number of rows.
@@ -123,7 +123,7 @@ private:
   Doubles _X;
   Ints _vertices, _nodes;
   std::vector<Doubles> _functions, _constants;
-  std::vector<Gathered> _gathered; // views of them
+  std::vector<Gathered> _gathered; // views of _functions
   Rounded _rounded;
   Ints _places, _rows;
   std::size_t _width, _components, _length, _num_nodes = 0, _num_rows = 0;

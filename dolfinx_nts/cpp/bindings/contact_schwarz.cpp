@@ -35,8 +35,8 @@ public:
   void add(const BoundElimination& contacts)
   {
     if (contacts.num_nodes() > num_rows())
-      throw nb::value_error(
-          "contacts: expected nodes that are rows of the matrix");
+      throw nb::value_error("contacts: expected node numbers below the number "
+                            "of rows of the matrix");
     std::visit(
         [&]<std::size_t B>(ContactSchwarz<B>& schwarz)
         {
@@ -72,8 +72,8 @@ public:
           check("r", r, {owned, width});
           check("ghosts", ghosts, {any, num_rows() ? 2 * B : any});
           if (owned + ghosts.shape(0) < _num_places)
-            throw nb::value_error("z: expected a row, or one of ghosts, for "
-                                  "each column of the matrix and each row");
+            throw nb::value_error("z and ghosts: expected together a row for "
+                                  "each row and column of the matrix");
           if (!num_rows())
             return;
           const auto place = [&](std::size_t node)

@@ -22,9 +22,10 @@ void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
   const std::size_t components = x.shape(1);
   check("normal", normal, {m, components});
   check("gradients", gradients, {m, any, any});
-  check_rows("nodes: expected rows of x", nodes, x.shape(0));
+  check_rows("nodes: expected row numbers of x", nodes, x.shape(0));
   if (gradients.shape(1) == 0 || gradients.shape(2) < components)
-    throw nb::value_error("gradients: expected the node of each pair");
+    throw nb::value_error(
+        "gradients: expected at least the components of one node");
   dispatch_components(components,
                       [&]<std::size_t B>()
                       {
@@ -54,7 +55,7 @@ double largest_size(const Doubles& a)
 double largest_difference(const Doubles& a, const Doubles& b)
 {
   if (a.size() != b.size())
-    throw nb::value_error("expected as many values in both arrays");
+    throw nb::value_error("expected two arrays of equal size");
   return largest(a.size(), [x = a.data(), y = b.data()](std::size_t i)
                  { return x[i] - y[i]; });
 }
@@ -112,7 +113,8 @@ Out<bool> essential_nodes_batch(const In<std::int64_t>& start,
   const std::size_t components = slopes.shape(1);
   for (const std::int32_t constraints : view(rank))
     if (constraints < 0 || static_cast<std::size_t>(constraints) > components)
-      throw nb::value_error("rank: expected at most all components");
+      throw nb::value_error(
+          "rank: expected numbers from 0 to the number of components");
   Out<bool> keeps
       = create<bool>({gradients.size() / (components * components)});
   dispatch_components(components,
@@ -184,8 +186,8 @@ std::size_t num_moved_batch(std::size_t m, const In<bool>& same,
 {
   if (m == 0 || same.size() % m || now.size() % m
       || now.size() != before.size())
-    throw nb::value_error("expected as many nodes and numbers for each of m "
-                          "constraints, now and before");
+    throw nb::value_error("expected multiples of m as sizes of same and now, "
+                          "and before as long as now");
   return num_moved(m, view(same), view(now), view(before), limit);
 }
 } // namespace

@@ -33,17 +33,17 @@ public:
     for (const Doubles* rows : {&_gradients, &_columns})
       if (rows->size() != B * B * _nodes.size())
         throw nb::value_error(
-            "gradients and columns: expected a block for each of nodes");
+            "gradients and columns: expected a block for each entry of nodes");
     const auto begin = view(_start);
     if (begin.front() != 0 || begin.back() != std::ssize(view(_nodes))
         || std::ranges::adjacent_find(begin, std::greater_equal<>())
                != begin.end())
-      throw nb::value_error(
-          "start: expected lists that have nodes and hold all of them");
+      throw nb::value_error("start: expected strictly ascending offsets, from "
+                            "0 to the length of nodes");
     for (const std::int32_t rank : view(_rank))
       if (rank != 0 && rank != 1 && rank != static_cast<std::int32_t>(B))
         throw nb::value_error(
-            "rank: expected 0, 1 or all components as constraints");
+            "rank: expected 0, 1 or the number of components");
     for (const In<std::int32_t>* nodes : {&_nodes, &_tangent_nodes})
       for (const std::int32_t node : view(*nodes))
       {

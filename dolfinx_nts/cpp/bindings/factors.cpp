@@ -42,10 +42,11 @@ void check_pattern(std::span<const std::int64_t> start,
   if (start.front() != 0
       || static_cast<std::size_t>(start.back()) != column.size()
       || !std::ranges::is_sorted(start))
-    throw nb::value_error("start: expected rows that hold all columns");
+    throw nb::value_error(
+        "start: expected ascending offsets, from 0 to the length of column");
   const auto n = static_cast<std::int32_t>(start.size() - 1);
   if (std::ranges::any_of(column, [n](auto j) { return j < 0 || j >= n; }))
-    throw nb::value_error("column: expected numbers of rows");
+    throw nb::value_error("column: expected row numbers");
   const auto row = [&](std::int32_t i)
   {
     return column.subspan(static_cast<std::size_t>(start[i]),
@@ -57,7 +58,8 @@ void check_pattern(std::span<const std::int64_t> start,
     for (const std::int32_t j : row(i))
       holds = holds && std::ranges::binary_search(row(j), i);
     if (!holds)
-      throw nb::value_error("column: expected a symmetric pattern, ascending");
+      throw nb::value_error(
+          "column: expected a symmetric pattern, ascending in each row");
   }
 }
 
@@ -141,7 +143,7 @@ void apply_at(Factors& factors, const In<std::int32_t>& places,
   for (const std::int32_t place : view(places))
   {
     if (place <= last || static_cast<std::size_t>(place) >= factors.size())
-      throw nb::value_error("places: expected ascending places of rows");
+      throw nb::value_error("places: expected ascending indices of rows");
     last = place;
   }
   with_factors(

@@ -51,7 +51,8 @@ auto balance_batch(const Doubles& normal, const Doubles& force,
   check("direction", direction, {m, 2});
   const std::size_t d = columns.shape(2);
   if (d < 3)
-    throw nb::value_error("columns: expected the node of each pair");
+    throw nb::value_error(
+        "columns: expected at least 3 entries, for the node of each pair");
   auto multipliers = create<double>({m, 3});
   for (std::size_t i = 0; i < m; ++i)
   {
@@ -106,7 +107,7 @@ double longest_in_cones(const Doubles& v, const Doubles& increment)
   check("increment", increment, {v.shape(0), v.shape(1)});
   const std::size_t d = v.shape(1);
   if (d == 0)
-    throw nb::value_error("v: expected a component along the axis of cones");
+    throw nb::value_error("v: expected at least one component a row");
   double longest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < v.size(); i += d)
     longest = std::min(longest, longest_in_cone(view(v).subspan(i, d),

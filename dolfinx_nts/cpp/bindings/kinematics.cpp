@@ -207,7 +207,8 @@ auto with_vertices(const Doubles& points, const Doubles& x,
   check("x", x, {any, 3});
   check("vertices", vertices, {any, any});
   const std::size_t k = vertices.shape(1);
-  check_rows("segment: expected rows of vertices", segment, vertices.shape(0));
+  check_rows("segment: expected row numbers of vertices", segment,
+             vertices.shape(0));
   auto pairs = create<double>({m, 1 + k, 3});
   double* out = pairs.data();
   for (std::size_t i = 0; i < m; ++i)
@@ -217,7 +218,7 @@ auto with_vertices(const Doubles& points, const Doubles& x,
              k * static_cast<std::size_t>(segment.data()[i]), k))
     {
       if (row < 0 || static_cast<std::size_t>(row) >= x.shape(0))
-        throw nb::value_error("vertices: expected rows of x");
+        throw nb::value_error("vertices: expected row numbers of x");
       out = std::copy_n(x.data() + 3 * row, 3, out);
     }
   }
@@ -229,7 +230,7 @@ auto unit_vectors(const Doubles& rows)
   check("rows", rows, {any, any});
   const std::size_t m = rows.shape(0), d = rows.shape(1);
   if (d < 3)
-    throw nb::value_error("rows: expected three components at least");
+    throw nb::value_error("rows: expected at least 3 columns");
   auto unit = create<double>({m, 3});
   for (std::size_t i = 0; i < m; ++i)
   {

@@ -47,7 +47,7 @@ auto cell_lengths_of(const Doubles& x, const In<std::int32_t>& cells)
   if (x.shape(1) != 2 && x.shape(1) != 3)
     throw nb::value_error("x: expected 2 or 3 coordinates");
   check("cells", cells, {any, any});
-  check_rows("cells: expected rows of x", cells, x.shape(0));
+  check_rows("cells: expected row numbers of x", cells, x.shape(0));
   auto length = create<double>({cells.shape(0)});
   cell_lengths(view(x), x.shape(1), view(cells), cells.shape(1), view(length));
   return length;

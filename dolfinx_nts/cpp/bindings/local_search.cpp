@@ -45,7 +45,7 @@ public:
     check("x_facets", x, {any, 3});
     for (const std::int32_t number : view(numbers))
       if (number < 0 || static_cast<std::size_t>(number) + 1 >= _first.shape(0))
-        throw nb::value_error("numbers: expected numbers of nodes");
+        throw nb::value_error("numbers: expected node numbers");
     return {
         view(_vertices), view(_orientation), _vertices.shape(1), view(_first),
         view(_facets),   view(_corner),      view(_angle),       view(x)};
@@ -296,7 +296,7 @@ private:
     {
       const std::int32_t group = group_of(begin);
       if (group < 0 || static_cast<std::size_t>(group) >= _trees.size())
-        throw nb::value_error("expected nodes of the groups of segments");
+        throw nb::value_error("expected a group of segments for each node");
       while (end < n && group_of(end) == group)
         ++end;
       function(static_cast<std::size_t>(group), begin, end);
@@ -430,7 +430,7 @@ private:
   std::vector<CachedTree> _trees;
   std::vector<double> _sunk; // depth of initially penetrating nodes [m]
   bool _in_dents = false;    // whether nodes below concave edges keep a segment
-  std::vector<std::int32_t> _faced; // of nodes by their numbers, or -1
+  std::vector<std::int32_t> _faced; // last segment of each node number, or -1
   std::size_t _num_rows = 0;
 };
 

@@ -41,7 +41,7 @@ void dispatch_whole_facets(std::size_t n, std::size_t k, Function&& function)
   if (n == 9 && k == 4)
     return function.template operator()<Quad9>();
   throw nb::value_error("facets: expected as many nodes as segments have "
-                        "vertices, or 3, 6 or 9 with 2, 3 or 4");
+                        "vertices (2, 3 or 4), or 3, 6 or 9 at degree 2");
 }
 
 auto find_points(const Ints& facets, const Doubles& facet_orientation,
@@ -56,14 +56,14 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
   check("X", X, {any, 3});
   check("x_n", x_n, {X.shape(0), 3});
   check("x", x, {X.shape(0), 3});
-  check_rows("facets: expected rows of x", facets, x.shape(0));
+  check_rows("facets: expected row numbers of x", facets, x.shape(0));
   check("segments", segments, {any, any});
   check("orientation", orientation, {segments.shape(0)});
   check("key", key, {segments.shape(0)});
   check("thickness", thickness, {segments.shape(0)});
   check("y_n", y_n, {any, 3});
   check("y", y, {y_n.shape(0), 3});
-  check_rows("segments: expected rows of y", segments, y.shape(0));
+  check_rows("segments: expected row numbers of y", segments, y.shape(0));
   const std::size_t n = facets.shape(1), k = segments.shape(1);
   MortarPoints points;
   dispatch_whole_facets(
@@ -99,13 +99,14 @@ Aggregation aggregation(const Doubles& phi, const Keys& start,
   check("point", point, {any});
   const std::size_t size = point.size();
   check("place", place, {size, phi.shape(1) + vertices});
-  check_rows("point: expected rows of phi", point, phi.shape(0));
+  check_rows("point: expected row numbers of phi", point, phi.shape(0));
   check_rows("place: expected places in rows", place, length);
   const auto begin = view(start);
   if (begin.empty() || begin.front() != 0
       || begin.back() != static_cast<std::int64_t>(size)
       || !std::ranges::is_sorted(begin))
-    throw nb::value_error("start: expected lists that hold all shares");
+    throw nb::value_error(
+        "start: expected ascending offsets, from 0 to the number of shares");
   return {.phi = view(phi),
           .width = phi.shape(1),
           .start = begin,
@@ -185,9 +186,10 @@ auto points_of(const Doubles& phi, const Ints& nodes, const Doubles& x)
   check("phi", phi, {any, any});
   check("nodes", nodes, {phi.shape(0), any});
   check("x", x, {any, 3});
-  check_rows("nodes: expected rows of x", nodes, x.shape(0));
+  check_rows("nodes: expected row numbers of x", nodes, x.shape(0));
   if (nodes.shape(1) < phi.shape(1))
-    throw nb::value_error("nodes: expected the nodes of the facets");
+    throw nb::value_error(
+        "nodes: expected at least as many columns as phi has");
   auto out = create<double>({phi.shape(0), 3});
   at_points(view(phi), phi.shape(1), view(nodes), nodes.shape(1), view(x),
             view(out));
@@ -205,7 +207,7 @@ auto eliminated_directions(const Ints& rank, const Doubles& rows,
   check_rows("rank: expected as many directions and rows", rank,
              1 + std::min(c, rows.shape(1)));
   if (b == 0 || rows.shape(2) < b)
-    throw nb::value_error("rows: expected the node of each row");
+    throw nb::value_error("rows: expected at least the components of one node");
   auto directions = create<double>({m, c, b});
   nts::eliminated_directions(
       {{}, view(rank), view(rows), rows.shape(2) / b, rows.shape(1)},
@@ -226,8 +228,8 @@ auto constraint_products(const Ints& nodes, const Ints& rank,
   check("rows", rows, {m, any, d * b});
   check("parents", parents, {l, any});
   check("weights", weights, {l, parents.shape(1)});
-  check_rows("nodes: expected rows of directions", nodes, l);
-  check_rows("parents: expected rows of directions", parents, l);
+  check_rows("nodes: expected row numbers of directions", nodes, l);
+  check_rows("parents: expected row numbers of directions", parents, l);
   check_rows("rank: expected as many directions and rows", rank,
              1 + std::min(c, rows.shape(1)));
   const Entries entries = products(
@@ -254,7 +256,7 @@ void small_system(nb::module_& m)
             SmallSystem system(view(number));
             if (!system.fill(view(row), view(column), view(value)))
               throw nb::value_error(
-                  "number: expected the numbers of all rows and columns");
+                  "number: expected every number that row and column contain");
             new (self) SmallSystem(std::move(system));
           },
           nb::arg("number"), nb::arg("row"), nb::arg("column"),

@@ -21,7 +21,8 @@ void check_shares(const Keys& start, const Ints& point, std::size_t p)
   if (begin.empty() || begin.front() != 0
       || begin.back() != static_cast<std::int64_t>(point.size())
       || !std::ranges::is_sorted(begin))
-    throw nb::value_error("start: expected lists that hold all shares");
+    throw nb::value_error(
+        "start: expected ascending offsets, from 0 to the number of shares");
 }
 
 TurnedShares turned(const Keys& start, const Ints& point, const Doubles& part,
@@ -83,7 +84,8 @@ auto sum_slip_blocks_batch(const Doubles& phi, const Ints& block,
   check("w", w, {phi.shape(0), any});
   const std::size_t p = phi.shape(0), k = phi.shape(1), n = w.shape(1);
   if (n == 0)
-    throw nb::value_error("w: expected the weight of the point");
+    throw nb::value_error(
+        "w: expected at least one column, for the weight of the point");
   check("b", b, {p, 2, n});
   check("block", block, {p});
   check_rows("block: expected numbers of blocks", block, count);

@@ -181,7 +181,7 @@ private:
   void check_nodes(const Nodes& node) const
   {
     check("node", node, {any});
-    check_rows("node: expected rows of the other arrays", node, _n);
+    check_rows("node: expected row numbers of the other arrays", node, _n);
   }
 
   std::size_t check_pairs(const Nodes& node, const Flags& active) const

@@ -48,8 +48,8 @@ bool facets_may_be_within(const Doubles& x, const In<std::int32_t>& facets,
   check("x", x, {any, 3});
   check("facets", facets, {any, any});
   check("others", others, {any, facets.shape(1)});
-  check_rows("facets: expected rows of x", facets, x.shape(0));
-  check_rows("others: expected rows of x", others, x.shape(0));
+  check_rows("facets: expected row numbers of x", facets, x.shape(0));
+  check_rows("others: expected row numbers of x", others, x.shape(0));
   return may_be_within(view(x), view(facets), view(others), facets.shape(1),
                        reach);
 }

@@ -49,7 +49,7 @@ auto points_on_paths(const Doubles& paths, const Rows& number, const Rows& path,
     cuts[i] = {path.data()[2 * i], s.data()[i], path.data()[2 * i + 1]};
     if (cuts[i].path < 0
         || static_cast<std::size_t>(cuts[i].path) >= paths.shape(0))
-      throw nb::value_error("path: expected rows of paths");
+      throw nb::value_error("path: expected row numbers of paths");
   }
   Found found;
   points_of_paths(view(paths), std::move(cuts),
@@ -74,7 +74,7 @@ auto paths_in_regions(const Doubles& x, const std::vector<Rows>& nodes,
     check("nodes", some, {any});
     check("edges", others, {any, 2});
     for (const Rows& rows : {some, others})
-      check_rows("nodes, edges: expected rows of x", rows, x.shape(0));
+      check_rows("nodes, edges: expected row numbers of x", rows, x.shape(0));
     paths_in(view(x), view(some), view(others),
              {vector(view(regions), 2 * r), vector(view(regions), 2 * r + 1)},
              [&](const Vec3& begin, const Vec3& end)

@@ -13,7 +13,7 @@ void check_points(const Doubles& x, const Ints& rows)
 {
   check("x", x, {any, 3});
   check("rows", rows, {any});
-  check_rows("rows: expected rows of x", rows, x.shape(0));
+  check_rows("rows: expected row numbers of x", rows, x.shape(0));
 }
 
 auto bounds_of(const Doubles& x, const Ints& rows)
@@ -47,7 +47,7 @@ void take_rows_of(const Doubles& x, const In<std::int64_t>& rows,
   check("out", out, {rows.size(), x.shape(1)});
   for (const std::int64_t row : view(rows))
     if (row < 0 || static_cast<std::size_t>(row) >= x.shape(0))
-      throw nb::value_error("rows: expected rows of x");
+      throw nb::value_error("rows: expected row numbers of x");
   take_rows(view(x), view(rows), view(out));
 }
 
@@ -75,7 +75,7 @@ auto counts_of_parts(const In<bool>& flags, const Ints& number,
   check("flags", flags, {number.size()});
   check("ends", ends, {any});
   if (ends.size() == 0)
-    throw nb::value_error("ends: expected ascending offsets of the parts");
+    throw nb::value_error("ends: expected at least one offset");
   auto counts = create<std::int64_t>({ends.size() - 1});
   std::ranges::fill(view(counts), 0);
   for (std::size_t i = 0, part = 0; i < number.size(); ++i)
@@ -83,7 +83,8 @@ auto counts_of_parts(const In<bool>& flags, const Ints& number,
     while (part < counts.size() && number.data()[i] >= ends.data()[part + 1])
       ++part;
     if (part == counts.size() || number.data()[i] < ends.data()[part])
-      throw nb::value_error("number: expected ascending numbers in the parts");
+      throw nb::value_error(
+          "number: expected ascending numbers within the ranges of ends");
     counts.data()[part] += flags.data()[i];
   }
   return counts;

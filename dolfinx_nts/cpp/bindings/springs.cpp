@@ -31,7 +31,7 @@ public:
   MovedSprings moved(const Doubles& du) const
   {
     check("du", du, {any, 3});
-    check_rows("dofs: expected rows of du", _dofs, du.shape(0));
+    check_rows("dofs: expected row numbers of du", _dofs, du.shape(0));
     return {view(_node),  view(_key),    view(_dofs),
             view(_force), view(_energy), view(du)};
   }
@@ -84,7 +84,8 @@ Springs penalty_forces_of_pairs(const Ints& number, const Ints& node,
   {
     const auto row = static_cast<std::size_t>(pairs.segment[chosen[i]]);
     if (row >= key.size())
-      throw nb::value_error("segment: expected rows of segments at gaps < 0");
+      throw nb::value_error(
+          "segment: expected indices of key where gaps are < 0");
     numbers.data()[i] = number.data()[chosen[i]];
     keys.data()[i] = key.data()[row];
   }
@@ -112,7 +113,8 @@ auto contact_of(const Springs& springs, std::size_t num_own, std::size_t n,
   check("key", key, {any});
   check("stiffness", stiffness, {c});
   if (num_own > width)
-    throw nb::value_error("num_own: expected at most all nodes of a spring");
+    throw nb::value_error(
+        "num_own: expected at most the number of nodes of a spring");
   auto keys = create<std::int64_t>({n});
   auto active = create<bool>({n});
   auto multiplier = create<double>({n}), gaps = create<double>({n}),
@@ -132,14 +134,14 @@ auto contact_of(const Springs& springs, std::size_t num_own, std::size_t n,
       first = i;
     const std::int32_t row = segment.data()[i];
     if (row >= static_cast<std::ptrdiff_t>(key.size()))
-      throw nb::value_error("segment: expected -1 or rows of key");
+      throw nb::value_error("segment: expected -1 or indices of key");
     if (row >= 0 && i == first)
       keys.data()[node] = key.data()[row];
     gaps.data()[node] = gap.data()[i];
     if (!std::isless(gap.data()[i], 0.))
       continue;
     if (m >= springs.node().size())
-      throw nb::value_error("springs: expected one of each gap < 0");
+      throw nb::value_error("springs: expected a spring for each gap < 0");
     active.data()[node] = true;
     energy.data()[node] += springs.energy().data()[m];
     multiplier.data()[node] += stiffness.data()[i] * gap.data()[i];
@@ -164,7 +166,7 @@ auto contact_sums_of(const Doubles& x, const Ints& nodes, const Doubles& force,
 {
   const std::size_t n = nodes.size();
   check("x", x, {any, 3});
-  check_rows("nodes: expected rows of x", nodes, x.shape(0));
+  check_rows("nodes: expected row numbers of x", nodes, x.shape(0));
   check("force", force, {n, 3});
   check("energy", energy, {n});
   check("active", active, {n});
@@ -194,7 +196,7 @@ std::array<double, 5> work_of(const Springs& before, const Springs& after,
 {
   if (dissipation.size())
     for (const Springs* springs : {&before, &after})
-      check_rows("node: expected rows of dissipation", springs->node(),
+      check_rows("node: expected row numbers of dissipation", springs->node(),
                  dissipation.size());
   return work_by_cause(before.moved(du_before), after.moved(du_after),
                        view(dissipation));
@@ -207,8 +209,8 @@ void add_to_rows(Out<double> total, Out<double> ghosts, const Ints& rows,
   const std::size_t components = total.shape(1);
   check("ghosts", ghosts, {any, components});
   if (values.size() != components * rows.size())
-    throw nb::value_error("values: expected one row for each of rows");
-  check_rows("rows: expected rows of total, and then of ghosts", rows,
+    throw nb::value_error("values: expected one row for each entry of rows");
+  check_rows("rows: expected row numbers of total, and then of ghosts", rows,
              total.shape(0) + ghosts.shape(0));
   dispatch_components(components,
                       [&]<std::size_t B>()

@@ -17,7 +17,7 @@ auto with_volumes(const Doubles& values, const Doubles& gradients,
   check("gradients", gradients, {points, nodes, any});
   check("x", x, {any, 3});
   check("cells", cells, {any, nodes});
-  check_rows("cells: expected rows of x", cells, x.shape(0));
+  check_rows("cells: expected row numbers of x", cells, x.shape(0));
   return dispatch_components(gradients.shape(2),
                              [&]<std::size_t D>()
                              {

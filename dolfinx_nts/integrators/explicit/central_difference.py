@@ -229,7 +229,7 @@ class CentralDifference(Stepper):
 
     def _check_dt(self, dt: float) -> None:
         super()._check_dt(dt)
-        # In the constructor the first step is set before the estimate is known.
+        # The constructor sets the first step before the estimate is known.
         longest = self._stability.limit if hasattr(self, "_stability") else math.inf
         if dt > longest:
             softer = "; a new stepper with this dt has softer default penalties"
@@ -299,7 +299,7 @@ class CentralDifference(Stepper):
         if self._springs.obstacles_move:
             bounds = self._springs.bounds(self.x, moved)
         skips_check = self.watch.skips_check(bound)
-        # `Stepper.advance` needs it for the overlap check.
+        # `Stepper.advance` needs the increment for the overlap check.
         self._increment = 0.0 if skips_check else moved
         if not skips_check:
             with self.timings.phase("passage"):
@@ -339,8 +339,8 @@ class CentralDifference(Stepper):
         if self._comm.size > 1:
             self.v.x.scatter_forward()
         self.inertia_defect = defect + gained
-        # Changed materials give or take energy, such as that of a swelling body: the ledger has it
-        # as unaccounted, as that of implicit steps.
+        # A change of material data, such as swelling, changes the energy: the ledger lists it as
+        # unaccounted, as in implicit steps.
         error = 0.0 if changed else forces.strain_energy - strained + internal
         self.cell_energies = forces.strain_energy, error
         self._springs.accept()

@@ -164,7 +164,7 @@ class PresentForces:
 
     Attributes:
         acceleration: Acceleration of the owned nodes, shape ``(n, d)`` [m/s^2].
-        power: Sum of force times acceleration on this rank [N m/s^2].
+        power: Sum of the products of force and acceleration on this rank [N m/s^2].
         strain_energy: Strain energy of all ranks [J].
         known: Whether the forces belong to the current state.
     """

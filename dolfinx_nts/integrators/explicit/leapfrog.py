@@ -278,9 +278,9 @@ class Drift:
             about: Reference velocity of relative motions, shape ``(d,)`` [m/s].
 
         Returns:
-            Largest displacement increment of a node of this rank [m]; largest increment relative
-            to the reference velocity, or the first number again if supports or rigid bodies
-            exist [m]; reason why the step is refused, or "".
+            Largest displacement increment of a node of this rank [m]; largest increment relative to
+            the reference velocity [m], with supports or rigid bodies the first number again; and
+            the reason why the step is refused, or "".
         """
         u_n, u, v, rate, du = self.arrays
         moved, relative = _kernels.drift(dt, v, a, rate, u, du, about)

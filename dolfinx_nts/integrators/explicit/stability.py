@@ -50,10 +50,10 @@ _GROWTH = 0.25
 # which there is a warning: far above the error of springs that keep their segments, 0.1 % in
 # impacts of blocks.
 _EXCHANGED = 0.05
-# Energy of springs relative to the strain energy [-], largest values of a run, above which there is
-# a warning if supports or obstacles did at least a part of the work (second value): contact yields
-# by that fraction of the deformation, and forces are too small by it. Impacts and weights are not
-# reported, as their forces hardly depend on it.
+# Largest energy of springs in a run relative to the largest strain energy [-] above which there is
+# a warning, if supports or obstacles did at least this part of the work [-]: contact yields by that
+# fraction of the deformation, and forces are too small by it. Impacts and weights are not reported,
+# as their forces hardly depend on it.
 _COMPLIANT, _PRESCRIBED = 0.1, 0.5
 # Round-off of the energy at rest, relative to the kinetic energy at one cell per step [-].
 _ROUNDING = 1e-20
@@ -187,7 +187,7 @@ class Stability:
     def growth(self, energy: float, dt: float) -> str:
         """Message if the energy [J] of a run with steps dt [s] has grown, otherwise "". Local."""
         if self._have_materials_changed:
-            # They give or take energy, such as that of a swelling body.
+            # A change of material data, such as swelling, changes the energy.
             self.start(energy)
             self._have_materials_changed = False
             return ""

@@ -45,14 +45,14 @@ class AdmissibleMotion:
     def prescribed(self, x_n: Floats, contacts: Sequence[PairState]) -> Floats:
         """Prescribed displacement increments of the step at the owned dofs [m]. Collective.
 
-        They include those of supports and guided bodies, and of obstacles at the nodes of their
-        pairs.
+        They include increments of supports and guided bodies, and of obstacles at the nodes of
+        their pairs.
 
         Args:
             x_n: Positions of the local nodes at the start of the step, shape ``(l, 3)`` [m].
             contacts: States of all contact pairs.
         """
-        # The increments of fixed guides are round-off with arbitrary directions.
+        # Increments of guides at rest are round-off, whose direction is arbitrary.
         rigid = self._bulk.rigid
         applied = self.displacements if rigid.guides.are_moving else self._bulk.supports.applied
         u_n = self._u_n

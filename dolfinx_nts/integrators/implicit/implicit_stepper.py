@@ -209,7 +209,7 @@ class ImplicitStepper(Stepper):
     def _with_defaults(self, pair: ContactPair) -> ContactPair:
         """Pair with default laws: springs with inertia, multipliers in statics. Collective.
 
-        Multipliers at nodes of rigid bodies alternate from step to step, and friction with them.
+        Multipliers at nodes of rigid bodies, and their friction, alternate from step to step.
         """
         rigid = gives_rigid_nodes(pair, self.bodies)
         law = LagrangeMultiplier() if self.scheme.rates is NoRates else Penalty()
@@ -372,8 +372,8 @@ class ImplicitStepper(Stepper):
         if self._comm.rank == 0:
             _logger.warning(
                 "step %d to t = %g has no solution with contact of the vertices on edges and "
-                "corners: those between %s are free and may penetrate between nodes, until "
-                "their contact is tried again in a later step; smaller facets there help",
+                "corners: vertices between %s have no contact in it, and may penetrate between "
+                "nodes; a later step tries their contact again; smaller facets there help",
                 *(self.step + 1, self.t + self._dt, ", ".join(between)),
             )
 
@@ -495,7 +495,7 @@ class ImplicitStepper(Stepper):
 
     def _forces_at_start(self) -> Floats:
         """Residual with loads and contact springs at the time t, on the owned dofs [N]."""
-        # Velocities may have been set of bodies that have slept.
+        # The user may have set velocities of sleeping bodies.
         self._sleeping.wake()
         self._load_at(0.0)
         forces: Floats = self._bulk.forces() + self._step_solver.spring_forces(self.x)
@@ -517,7 +517,7 @@ class ImplicitStepper(Stepper):
         states: Sequence[ContactContribution],
         advice: str,
     ) -> ConvergenceError:
-        """Error of a step from the reports of all attempts; steps and states are the last ones."""
+        """Error of a failed step, from the reports of all attempts and the last contact."""
         passing = (passing_without_contact(step, self.dt) for step in steps)
         if found := next(filter(None, passing), ""):
             advice = f"{found}; {advice}"
@@ -619,7 +619,8 @@ class ImplicitStepper(Stepper):
     def _set_data(self, t_n: float, dt: float, point: float | None = None) -> None:
         """Set loads, supports and motions as in a former step of length dt from t_n, both [s].
 
-        ``point`` is the time of the loads as a fraction of the step; None for that of the scheme.
+        ``point`` is the time of the loads as a fraction of the step; None for the time of the
+        scheme.
         """
         self.t, self._dt.value[...] = t_n, dt
         with self._steps_of(dt):

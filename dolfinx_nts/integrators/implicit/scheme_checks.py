@@ -64,16 +64,15 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
     """Check that the stress of a step without deformation is the stress of the material. Local.
 
     Any consistent scheme has the stress P = F S(F^T F) if F is the same at both ends, for any
-    parameters of the energy. It is evaluated for the first deformable body whose stress depends on
-    the deformation alone, and for a neo-Hookean material if there is none. The weight of the end of
-    the step is checked by a difference for a small change of F. Schemes of the package are not
-    checked here, as this takes up to half a second.
+    parameters of the energy. The stress is evaluated for the first deformable body whose stress
+    depends on the deformation alone, and for a neo-Hookean material if there is none. The weight of
+    the end of the step is checked by a difference for a small change of F. Schemes of the package
+    are not checked here, as this takes up to half a second.
 
     Raises:
         TypeError: ``scheme.stress`` takes other arguments.
-        ValueError: It does not return a tensor, or returns another stress, or does not depend on
-            the parameters, or the weight of the end of the step in it is not
-            ``scheme.stress_share``.
+        ValueError: The result is not a tensor, is another stress, or does not depend on the
+            parameters; or the weight of the end of the step in it is not ``scheme.stress_share``.
     """
     if is_of_package(scheme.stress):
         return
@@ -113,7 +112,7 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
         if not error <= _INCONSISTENT * np.abs(exact_of_other).max():
             raise ValueError(
                 "expected a stress of the Scheme that depends on its argument parameters, given "
-                f"another one than F S(F^T F) for {material!r} with {other}: write "
+                f"another tensor than F S(F^T F) for {material!r} with {other}: write "
                 "material.stress(C, **parameters)"
             )
         near = ufl.as_matrix(np.array(_SAMPLE) + _CHANGE * np.array(_SAMPLE).T)

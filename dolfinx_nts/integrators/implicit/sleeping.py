@@ -88,7 +88,7 @@ class SleepingBodies:
         self._u_n: Floats = np.zeros_like(bulk.u.x.array)
 
     def _pairs_of_groups(self) -> dict[_Group, list[PairState]]:
-        """Pairs that can act on each group of bodies."""
+        """Pairs that can act on the bodies of each group."""
         comm = self._bulk.comm
         group_of = np.full(self._bulk.num_owned // self._bulk.rigid.dim, -1)
         for number, nodes in enumerate(self._nodes.values()):

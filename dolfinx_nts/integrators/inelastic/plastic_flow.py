@@ -43,7 +43,7 @@ from dolfinx_nts.materials.radial_return import RadialReturn
 
 __all__ = ["PlasticFlow"]
 
-# Initial metric and equivalent plastic strain; index of the latter.
+# Initial metric and equivalent plastic strain; index of the plastic strain.
 _INITIAL, _ALPHA = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0], 6
 # Indices of the entries of the metric.
 _PLACES = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])

@@ -45,7 +45,7 @@ class RigidCorrection(NamedTuple):
         rigid: Coefficients of these fields, by the group whose nodes touch, then by the group
             that moves, shape ``(g, g, 1 + d, d)``.
         support_impulses: Impulses of supports at the fixed dofs in these motions, same shape.
-        linear: Vector b, shape ``(g,)`` [J].
+        linear: Vector b of this change, shape ``(g,)`` [J].
         square: Matrix a, shape ``(g, g)`` [J].
     """
 

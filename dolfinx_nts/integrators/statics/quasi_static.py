@@ -237,7 +237,7 @@ class QuasiStatic(ImplicitStepper):
             if self._comm.rank == 0:
                 _logger.warning(
                     "step %d to t = %g: Newton's method found no equilibrium near the last one; "
-                    "bodies moved to another one, which is as exact, by up to %.3g m, in %d "
+                    "bodies moved to another one of the same accuracy, by up to %.3g m, in %d "
                     "pseudo-steps against a viscous resistance: they snap or roll there. With "
                     "inertia they may move elsewhere: use EnergyMomentum to follow that",
                     *(self.step + 1, self.t + self.dt, self._increment, relaxation.num_steps),

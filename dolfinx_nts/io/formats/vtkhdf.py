@@ -107,7 +107,7 @@ class VtkHdfFile(FieldsFile):
         return time.monotonic() >= self._due or size >= _MOST
 
     def _add(self, block: Block, start: float) -> None:
-        """Add a block, whose writing began at the time ``start`` [s], to the index."""
+        """Add a block to the index; its writing began at the time ``start`` [s]."""
         self._blocks.append(block)
         self._write_index()
         now = time.monotonic()

@@ -68,7 +68,7 @@ class AdjacentFacets:
             row: Numbers of the points around which the facets are, ascending, shape ``(k,)``.
             facet: The facets, shape ``(k,)``.
             normal: Their unit normals, shape ``(k, 3)``.
-            first: Flags of the facets that count, shape ``(k,)``.
+            first: Flags of the facets with which the search starts, shape ``(k,)``.
         """
         one, two = _entries(row, row)
         corners = self._facets[facet]
@@ -164,14 +164,14 @@ class AdjacentFacets:
 
 
 def _entries(ascending: Ints, values: Ints) -> tuple[Ints, Ints]:
-    """Places of equal numbers: index of the value, ascending, and place, both ``(e,)``."""
+    """Positions of values in sorted numbers: index of the value, and position, both ``(e,)``."""
     first = np.searchsorted(ascending, values, side="left")
     last = np.searchsorted(ascending, values, side="right")
     return _expanded(first, last)
 
 
 def _expanded(first: Array, last: Array) -> tuple[Ints, Ints]:
-    """Numbers of the ranges from ``first`` to before ``last``: index of the range, and number."""
+    """Integers in half-open ranges [first, last): index of the range, and integer."""
     counts = last - first
     row = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
     place = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(len(row))

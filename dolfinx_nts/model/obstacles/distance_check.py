@@ -55,8 +55,8 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
             ``shortest_passage`` or ``least_radius`` is not a number.
         ValueError: One of these is not positive. The method changes the positions, or returns
             arrays of other shapes or types; normals are not unit vectors, or not the gradient of
-            the distance at the surface; a distance outside is larger than that from the surface, of
-            an obstacle with a far side.
+            the distance at the surface; outside an obstacle with a far side, a distance is larger
+            than the distance from the surface.
     """
     check_spelling(obstacle, ("shortest_passage", "least_radius", "is_of_revolution"))
     for name, meaning in _LENGTHS.items():
@@ -121,7 +121,7 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
 def _check_bound(
     obstacle: ExactObstacle, x: Floats, height: Floats, near: Floats, gap: Floats
 ) -> None:
-    """Raise if a distance outside is larger than that from a point near the surface. Local.
+    """Raise if a distance outside is larger than the distance from a point near the surface. Local.
 
     Otherwise the check of long steps misses nodes that pass through the obstacle.
 

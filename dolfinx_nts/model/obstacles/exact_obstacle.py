@@ -193,7 +193,7 @@ class ExactObstacle(Obstacle):
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``. Local.
 
-        Parallel transport with the normal gives the tangents at the end from those at t_n.
+        Parallel transport with the normal gives the tangents at the end from the tangents at t_n.
         """
         normal_n, normal = self._found(x_n)[1], self._found(x)[1]
         frame_n = tangents_of(normal_n)

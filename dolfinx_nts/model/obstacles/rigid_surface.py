@@ -79,7 +79,7 @@ class RigidSurface(Obstacle):
                 f"{np.flatnonzero(side == 0)[0]}"
             )
         self._orientation = np.sign(side)
-        vars(self)["key"] = np.arange(len(facets), dtype=np.int64)  # reserved for own classes
+        vars(self)["key"] = np.arange(len(facets), dtype=np.int64)  # only the package may set it
         self._facets: Ints = np.ascontiguousarray(facets, dtype=np.int32)
         self._segments = _kernels.Segments(self._facets, self._orientation, self.key)
         self._adjacent = AdjacentFacets(self._facets, self._orientation)

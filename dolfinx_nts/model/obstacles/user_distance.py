@@ -18,7 +18,7 @@ def signed_distance(obstacle: Any, x: Floats) -> Any:
         x: Positions in its frame, shape ``(m, 3)`` [m].
 
     Returns:
-        What the method returns, with arrays of integers as arrays of floats.
+        Results of the method; arrays of integers are converted to floats.
 
     Raises:
         TypeError: The method takes other arguments.

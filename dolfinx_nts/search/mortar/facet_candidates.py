@@ -44,9 +44,10 @@ class FacetCandidates(SegmentCandidates):
     """Segments with the facets to which they belong.
 
     Segments select the facet of each point. Gap, force and slip are evaluated on the whole facet:
-    at degree 2 on the curved one, see `cpp/nts/geometry/facet.h`, and for smooth surfaces on the
-    patch, shifted to the mean of the flat facet, so that the consistent load of a uniform pressure
-    belongs to the facet. Points store the effect of the shifts on gaps, see `MortarPoints`.
+    at degree 2 on the curved facet, see `cpp/nts/geometry/facet.h`, and for smooth surfaces on the
+    patch. The patch is shifted to the mean of the flat facet, so that the consistent load of a
+    uniform pressure belongs to the facet. Points store the effect of the shifts on gaps, see
+    `MortarPoints`.
 
     Far outside a curved facet its extrapolation is not used. In the methods that evaluate pairs,
     the number of a segment plus the number of all segments denotes the plane through the vertices
@@ -148,7 +149,7 @@ class FacetCandidates(SegmentCandidates):
         return self.slip_between(pairs_n, pairs, segment)
 
     def slip_between(self, pairs_n: Floats, pairs: Floats, segment: Ints) -> Slip:
-        """Kinematics for positions as in `pairs` at both ends of the step, ``(m, 1+n, 3)`` [m]."""
+        """Slip for positions as in `pairs` at both ends of the step, ``(m, 1+n, 3)`` [m]."""
         orientation, weights = self._sense(segment), self._weights(segment)
         *values, frame_n, frame = self._kernels["slip"](pairs_n, pairs, orientation)
         slip = Slip(*values, frame_n=frame_n, frame=frame, orientation=orientation)

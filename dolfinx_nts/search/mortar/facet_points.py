@@ -29,8 +29,8 @@ __all__ = ["FacetPoints"]
 _SMOOTH, _KINKED = 0.001, 0.004
 # Step between unconnected segments below a facet, relative to its diameter [-]: up to the first
 # value the surface counts as smooth, from the second value on as a kink. Larger: the open gap above
-# the lower segments counts as much as the penetration of the upper ones (without them the force of
-# a block above a step of 3 % of a facet is 15 % too small); smaller: joints of bodies that are
+# the lower segments counts as much as the penetration of the upper ones. (Without them the force of
+# a block above a step of 3 % of a facet is 15 % too small.) Smaller: joints of bodies that are
 # deformed differently count as kinks.
 _LEVEL, _STEPPED = 0.002, 0.01
 # Multiple of the least gap in equilibrium [-] up to which points opposite a kink have full weight,
@@ -110,7 +110,7 @@ class FacetPoints:
             reach: Search distance of the facets [m].
             kinks: Whether multipliers opposite kinks of flat segments have linear shape functions.
             slides_far: Whether points may be at any distance from their segments at x_n, on their
-                extension; otherwise those farther away than at x are left out.
+                extension; otherwise points farther away than at x are left out.
         """
         is_smooth = facets.of_patches is not None or candidates.rise is not None
         *_, thickness = candidates.of_segments
@@ -316,10 +316,10 @@ class FacetPoints:
     ) -> MortarPoints:
         """Create contact points with the weights of the nodes. Collective.
 
-        Points below a segment that are less deep below an adjacent one, beyond a convex edge, or
-        above it, are left out, see `AdjacentFacets.are_nearer_to_adjacent`. Opposite kinks, linear
-        functions are multiplied by a weight, which is 1 up to a multiple of the least gap magnitude
-        on the facets next to that of the point, and then decreases.
+        Points below a segment are left out if they are above an adjacent segment beyond a convex
+        edge, or less deep below it, see `AdjacentFacets.are_nearer_to_adjacent`. Opposite kinks,
+        linear functions are multiplied by a weight. It is 1 up to a multiple of the least gap
+        magnitude on the facets next to the facet of the point, and then decreases.
 
         Args:
             dual_fraction: Largest fraction of the dual functions around each node, shape ``(n,)``;

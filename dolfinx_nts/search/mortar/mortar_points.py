@@ -281,7 +281,7 @@ def _rows(own: Ints, row: Ints, nodes: Ints) -> tuple[Ints, Ints]:
     """Nodes of the rows, and positions of the nodes of shares in them, see `MortarPoints`.
 
     ``own`` is the first node of each row, shape ``(m,)``, ``row`` the row of each share, ``(i,)``,
-    ``nodes`` the nodes that it reaches, ``(i, m + n)``.
+    ``nodes`` the nodes on which the share depends, ``(i, m + n)``.
     """
     # The node of the row comes first, also in rows without shares.
     rank = np.where(nodes == own[row][:, None], 0, nodes.astype(np.int64) + 1)

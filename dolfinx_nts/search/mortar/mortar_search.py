@@ -58,7 +58,7 @@ class FacetSearch(GlobalSearch):
     candidates: FacetCandidates
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
-        """Also send the nodes of whole facets to other ranks."""
+        """Prepare the search, which also sends the nodes of whole facets to other ranks."""
         super().__init__(nodes, segments)
         self._k, space = segments.segments.shape[1], segments.V.dofmap.index_map
         # A sphere has no patches.
@@ -147,7 +147,8 @@ class MortarSearch(FacetSearch):
         smaller the covered part of the facing facets, the more the mean pressure of all facets
         around the node counts. A uniform pressure is exact.
 
-        Mid-nodes beside a vertex without a segment have none: those of free faces beside a contact.
+        Mid-nodes next to a vertex without a segment have no traction, such as on adjacent free
+        faces.
         """
         area = self._area * facing
         own = np.clip(np.divide(covered, area, out=np.ones_like(facing), where=area > 0), 0, 1)
@@ -181,7 +182,7 @@ class MortarSearch(FacetSearch):
 
     @cached_property
     def _neighbours(self) -> tuple[Ints, Ints]:
-        """Numbers of nodes, and each node on their facets as a node of the map, ``(p,)``. Local."""
+        """Pairs of a node and a node of the map on its facets, as two arrays ``(p,)``. Local."""
         number = np.full(self._near.num_local, -1)
         number[self._nodes.nodes] = np.arange(len(self._nodes.nodes))
         k = self._near_facets.shape[1]

@@ -173,8 +173,8 @@ class Insides:
 
         Returns:
             Paths of length zero, then midpoints of parts, the same on all ranks, shape ``(m, 3)``
-            [m], and the number of the path of each, ``(m,)``. Paths without an intersection have
-            none.
+            [m], and the number of the path of each, ``(m,)``. Paths without an intersection have no
+            midpoints.
         """
         path, place = self._kernels.cuts(paths, where)
         path, place = joined(self._comm, path), joined(self._comm, place)

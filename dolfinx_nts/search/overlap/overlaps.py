@@ -172,8 +172,8 @@ class OverlapSearch:
             t_before: Time of the earlier positions [s].
 
         Returns:
-            Bounds for each two of the ``g`` boundaries, shape ``(g, g)`` [m], on the diagonal for
-            obstacles. The same on all ranks.
+            Bounds for any two of the ``g`` boundaries, shape ``(g, g)`` [m], and for each boundary
+            and the obstacles on the diagonal. The same on all ranks.
         """
         displacements = self._insides.displacements
         nearer = _kernels.approach(displacements(x, before))
@@ -200,8 +200,8 @@ class OverlapSearch:
             selves: Names of the boundaries to be checked for self-overlap; None for all.
 
         Returns:
-            The overlaps; and least distances of each two of the ``g`` boundaries, shape
-            ``(g, g)`` [m], on the diagonal of all of them from obstacles. The same on all ranks.
+            The overlaps; and least distances of any two of the ``g`` boundaries, shape ``(g, g)``
+            [m], with the distances from obstacles on the diagonal. The same on all ranks.
         """
         touching = np.maximum(_TOUCHING * self._sizes, least)
         self._insides.move(x)
@@ -365,7 +365,7 @@ def _on_facets(obstacle: Obstacle, x: Floats, boundary: ClosedBoundary) -> Float
 
 
 def _names(obstacles: Sequence[Obstacle]) -> list[str]:
-    """Names of obstacles or their classes, with a number if there are several of a name."""
+    """Names of obstacles or their classes; equal names get a number."""
     kinds = [obstacle.name.removeprefix("a ").removeprefix("moving ") for obstacle in obstacles]
     return [
         kind if kinds.count(kind) == 1 else f"{kind} {kinds[: i + 1].count(kind)}"

@@ -80,7 +80,7 @@ def self_overlap(
 
 
 def _depth(insides: Insides, number: int, points: Floats, frames: Floats, size: float) -> Floats:
-    """Least distance to the boundary of the other part in six directions, ``(m,)`` [m]. Collective.
+    """Least distance in six directions to the boundary of the other part, ``(m,)`` [m]. Collective.
 
     Arguments as for `self_overlap`, and the results of `_below`.
     """

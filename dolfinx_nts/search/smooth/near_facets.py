@@ -34,7 +34,7 @@ class NearFacets(NamedTuple):
             edges in the plane, shape ``(e,)``.
         own: Facets of this rank, in the order of the segments of the surface, shape ``(s,)``.
         dofs: Global numbers of the nodes in the space, shape ``(n,)``.
-        owners: Their ranks, shape ``(n,)``.
+        owners: Ranks that own the nodes, shape ``(n,)``.
     """
 
     X: Floats
@@ -112,7 +112,7 @@ def _edges(facets: Ints) -> tuple[Ints, Ints]:
 def _features(
     X: Floats, facets: Ints, orientation: Floats, num_edges: int, facet_edges: Ints
 ) -> Flags:
-    """Flags of edges without two facets that turn by less than the sharp angle."""
+    """Flags of feature edges: free edges, and edges at which facets turn by 30 degrees or more."""
     if facets.shape[1] == 2:
         return np.ones(num_edges, dtype=bool)
     normals = area_vectors(X[facets], orientation)

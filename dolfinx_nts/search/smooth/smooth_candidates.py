@@ -71,7 +71,7 @@ class SmoothCandidates(SegmentCandidates):
         return slip.combined(self._weights[segment])
 
     def adjacent(self, x: Floats) -> None:
-        """Return None: at edges the patches of both sides have the same gap."""
+        """Return None: at an edge both adjacent patches give the same gap."""
         return None
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:

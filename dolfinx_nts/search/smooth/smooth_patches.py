@@ -35,7 +35,7 @@ class SmoothPatches:
     Attributes:
         ids: Global numbers of the nodes of each facet: vertices in Basix order, then neighbours,
             padded with the first vertex, shape ``(s, m)``.
-        owners: Their ranks, shape ``(s, m)``.
+        owners: Ranks that own the nodes, shape ``(s, m)``.
         weights: Weights of these nodes in the ``c`` control points, shape ``(s, c, m)``.
     """
 

@@ -74,8 +74,8 @@ def _own(near: NearFacets, edge: Ints, node: Ints, other: Ints) -> tuple[Ints, F
     """Derivatives at nodes in the direction of other nodes, where the surface is smooth.
 
     Returns:
-        Nodes and their weights, of any length, shape ``(h, m)``, zero if it is not smooth; and
-        flags, shape ``(h,)``.
+        Nodes and their weights for a derivative of any length, shape ``(h, m)``, 0 where the
+        surface is not smooth; and flags of smooth nodes, shape ``(h,)``.
     """
     features = near.edges[near.is_feature]
     count = np.bincount(features.ravel(), minlength=len(near.X))
@@ -136,7 +136,7 @@ def _fits(near: NearFacets, inside: Ints) -> tuple[Ints, Floats, Floats]:
         slight = np.broadcast_to(_SLIGHTLY * np.eye(5)[2:], (len(some), 3, 5))
         fit = np.linalg.pinv(np.concatenate([A, slight], axis=1))[:, :2, :m] / size[:, None]
         around[some, :m], weights[some, :, :m] = nodes, fit
-    weights[:, :, -1] = -weights.sum(axis=2)  # of the node itself
+    weights[:, :, -1] = -weights.sum(axis=2)  # weight of the node itself
     return around, weights, frames
 
 

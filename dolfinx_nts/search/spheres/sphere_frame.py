@@ -32,8 +32,8 @@ class SphereFrame:
         sphere: The sphere in the reference configuration.
         bulge: Largest distance of the sphere from the facets [m].
         ids: Global numbers of the vertices of each facet, then of the d + 1 nodes that define the
-            sphere, the same for all facets, shape ``(s, k + d + 1)``.
-        owners: Their ranks, of the same shape.
+            sphere, shape ``(s, k + d + 1)``. The latter are the same for all facets.
+        owners: Ranks that own the nodes, of the same shape.
         weights: Weights of these nodes in the control points: the centre, and d points at the
             radius along the reference axes, shape ``(s, d + 1, k + d + 1)``.
     """

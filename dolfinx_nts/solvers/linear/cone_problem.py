@@ -41,8 +41,9 @@ class CondensedSystem(Protocol):
         Args:
             R: Residual on the owned dofs [N].
             pairs: Pairs, active or not, whose constraints are among the unknowns.
-            is_point: Flags of the constraints of all ranks that belong to the ``m`` points.
-            present: Their multipliers in the residual, shape ``(d m,)`` [N].
+            is_point: Flags of the constraints that belong to the ``m`` points, for the constraints
+                of all ranks.
+            present: Multipliers of the points in the residual, shape ``(d m,)`` [N].
 
         Returns:
             W, shape ``(d m, d m)`` [m/N], and q, shape ``(d m,)`` [m]. None if the system is too
@@ -53,9 +54,9 @@ class CondensedSystem(Protocol):
 def has_cone_problem(steps: Sequence[ContactStep], inertia: bool) -> bool:
     """Whether any pair takes part in a cone problem. Local, the same on all ranks.
 
-    With inertia, pairs without friction do only at nodes of rigid bodies; elsewhere their active
-    set is found node by node. In statics they do, since one wrong node may move a body far away
-    that is supported only by contact.
+    In statics pairs without friction take part, since one wrong node may move a body far away that
+    is supported only by contact. With inertia they take part only at nodes of rigid bodies;
+    elsewhere their active set is found node by node.
     """
 
     def is_coupled(step: ContactStep) -> bool:
@@ -142,7 +143,7 @@ def _multipliers(step: ContactStep, state: ContactContribution) -> Floats:
 
 
 def _with_all_rows(state: ContactContribution, dim: int) -> ContactContribution:
-    """Treat all pairs as sticking, so that all force components are unknowns. Local."""
+    """Copy with all pairs sticking, so that all force components are unknowns. Local."""
     m = len(state.active)
     return state._replace(
         active=np.ones(m, dtype=bool),

@@ -44,7 +44,7 @@ class ContactBlocks(NamedTuple):
 
     @property
     def constrained(self) -> Array:
-        """Constrained nodes, those with rank > 0."""
+        """Constrained nodes: nodes with rank > 0."""
         return self.nodes[self.start[:-1][self.rank > 0]]
 
     def kernel(self) -> _kernels.Elimination:

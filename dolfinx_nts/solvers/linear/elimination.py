@@ -156,7 +156,7 @@ class CoupledPairs(ActivePairs):
 
 
 def _components(blocks: Floats, dim: int) -> Floats:
-    """Blocks ``(m, 3 j, 3 k)`` restricted to the components of the space, ``(m, d j, d k)``."""
+    """Restriction of blocks ``(m, 3 j, 3 k)`` to d components of the space, ``(m, d j, d k)``."""
     m, j, k = len(blocks), blocks.shape[1] // 3, blocks.shape[2] // 3
     parts = blocks.reshape(m, j, 3, k, 3)[:, :, :dim, :, :dim]
     return parts.reshape(m, dim * j, dim * k)

@@ -56,7 +56,7 @@ _MOST_DOUBLINGS = 5
 
 
 class KrylovFailures:
-    """Consecutive failures with new strong factors, and number of systems left to skip.
+    """Counts of consecutive failures with new strong factors, and of systems still to be skipped.
 
     Solutions that take longer than factors of the complete system count as failures.
     """
@@ -80,7 +80,7 @@ class KrylovFailures:
         return is_left_out
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the numbers. Collective."""
+        """Serialize the numbers of failures and of systems to skip. Collective."""
         numbers = archive.same("hopeless_systems", np.array([self._in_a_row, self._left]))
         if archive.restores:
             self._in_a_row, self._left = map(int, numbers)
@@ -140,7 +140,7 @@ class LinearSolver:
 
     @property
     def num_iterations(self) -> int:
-        """Number of Krylov iterations so far, except iterations in `solve_for`."""
+        """Number of Krylov iterations so far, without iterations in `solve_for`."""
         return self._krylov.num_iterations
 
     def solve(
@@ -405,8 +405,8 @@ class LinearSolver:
     def nodal_resistance(self) -> Floats:
         """Stiffness or inertia, if larger, of each owned node, shape ``(n,)`` [N/m]. Collective.
 
-        The matrix does not contain rigid bodies. Their nodes have the mean stiffness of the others,
-        or their inertia if it is larger.
+        The matrix does not contain rigid bodies. Nodes of rigid bodies have the mean stiffness of
+        other nodes, or their inertia if it is larger.
         """
         stiffness, rigid = self.tangent.nodal_stiffness(), self._operator.bulk.rigid
         if not rigid.exists:
@@ -416,7 +416,7 @@ class LinearSolver:
         return resistance
 
     def _nodal(self, values: Floats) -> Floats:
-        """Values of dofs by nodes, shape ``(n, d)``. Local."""
+        """Values of dofs, node by node, a view of shape ``(n, d)``. Local."""
         return values.reshape(-1, self._operator.bulk.rigid.dim)
 
     def _solve_direct(

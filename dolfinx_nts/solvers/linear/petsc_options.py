@@ -45,8 +45,8 @@ class PetscOptions:
 
     Raises:
         TypeError: The options are not a mapping.
-        ValueError: The preconditioner does not exist on several ranks or is in Python without a
-            class, a name is not a string or has a dash, or Newton's method sets the option.
+        ValueError: The preconditioner does not exist on several ranks, or is in Python without a
+            class; a name is not a string or has a dash; or Newton's method sets the option.
     """
 
     def __init__(self, comm: MPI.Comm, options: Mapping[str, Any] | None) -> None:

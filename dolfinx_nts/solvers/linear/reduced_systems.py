@@ -70,8 +70,8 @@ class Reduced(NamedTuple):
 
     Attributes:
         matrix: The matrix.
-        rows: Maps right-hand sides of the complete system to this one, transposed.
-        columns: Maps solutions of this system to the complete one.
+        rows: Transpose of the matrix that maps right-hand sides of the complete system to this one.
+        columns: Matrix that maps solutions of this system to solutions of the complete one.
     """
 
     matrix: Any

@@ -139,7 +139,7 @@ class SaddlePointSystem:
     def condensed(
         self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
     ) -> tuple[Floats, Floats] | None:
-        """System condensed to the contact points."""
+        """System that is condensed to the contact points, see `CondensedSystem`."""
         whole = self._whole(R, pairs)
         return None if whole is None else whole.condensed(is_point, present)
 

@@ -25,7 +25,7 @@ class SolverStatistics:
         num_tangents: Assembled matrices of this tangent.
         num_cells: Owned cells of residual and products in the last step.
 
-    ``str`` is a few lines for a summary.
+    ``str`` returns a few lines for a summary.
     """
 
     preconditioner: str

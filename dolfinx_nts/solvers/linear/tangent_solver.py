@@ -21,8 +21,9 @@ _REDUCTION = 1e-12
 # Number of iterations after which factors are computed again, and largest number.
 _SLOW, _MOST = 30, 400
 # Directions lose their orthogonality where contact is by far stiffer than the factors, as below
-# bodies that only contact supports. The iteration begins again with its residual if the reduction,
-# at least by this factor [-], has not doubled in this number of iterations.
+# bodies that only contact supports. The iteration restarts from its residual if the residual is
+# below this fraction of the first one [-], but has not been halved in this number of iterations
+# [-].
 _PART, _STALLED = 1e-4, 10
 
 

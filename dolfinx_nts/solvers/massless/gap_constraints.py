@@ -169,7 +169,7 @@ class GapConstraints:
         return forces
 
     def _times(self, x: Floats) -> Floats:
-        """Product of the gradients with nodal values, ``(n, d)``; shape ``(m,)``."""
+        """Products of the gradients with nodal values ``(n, d)``, shape ``(m,)``."""
         products = np.empty(len(self._opening))
         for rows in self._rows:
             values = rows.nodes.forward(x)[rows.dofs]
@@ -218,6 +218,6 @@ class GapConstraints:
 
 
 def _length(rows: Floats) -> Floats:
-    """Lengths of rows, ``(m, k, 3)``, shape ``(m,)``."""
+    """Euclidean lengths of rows of shape ``(m, k, 3)``, ``(m,)``."""
     length: Floats = np.sqrt(np.einsum("mki,mki->m", rows, rows))
     return length

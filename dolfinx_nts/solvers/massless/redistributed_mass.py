@@ -139,7 +139,7 @@ class _Entries(NamedTuple):
 
 
 def _extrapolating(index_map: Any, below: Extrapolation) -> _Entries:
-    """Entries of P in the owned rows. Local."""
+    """Entries of the extrapolation P in the owned rows. Local."""
     first, n = index_map.local_range[0], index_map.size_local
     others = first + np.setdiff1d(np.arange(n), below.node)
     rows = first + np.repeat(below.node.astype(np.int64), np.diff(below.start))
@@ -257,7 +257,7 @@ class RedistributedTangent(Tangent):
     Args:
         residual, u, bcs, loads, nearby, bodies: Arguments of `Tangent`.
         inertia: Argument of `RedistributedBulk`.
-        dt: Step size, on which the factors of the masses depend [s].
+        dt: Length of a step, on which the factors of the masses depend [s].
     """
 
     def __init__(

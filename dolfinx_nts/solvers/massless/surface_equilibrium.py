@@ -80,8 +80,8 @@ class SurfaceEquilibrium:
     ) -> Floats:
         """Solve for increments of the massless nodes, shape ``(m, d)`` [m].
 
-        It takes one Newton iteration from u. Nodes without constraints are free. If the stiffness
-        is indefinite, the increment still decreases the energy.
+        The result is one Newton iteration from u. Nodes without constraints are free. If the
+        stiffness is indefinite, the increment still decreases the energy.
 
         Args:
             constraints: Constraints of the nodes, pair by pair.

@@ -53,7 +53,7 @@ class ContactComplement:
         # columns, so a resumed run must use the same batches.
         self._batches: list[GlobalInts] = []
         self._version = -1  # version of the factors that gave the columns
-        self._columns: list[Floats] = []  # of owned dofs, shape (d n, d k) for k nodes of a batch
+        self._columns: list[Floats] = []  # by batch of k nodes, each of shape (d n, d k)
         self._flexibility: Floats = np.empty((0, 0))  # shape (d k, d k)
         self._reached: Array = np.empty(0, dtype=np.int64)  # columns of the current contacts
         self._response: Floats = np.empty((0, 0))  # maps U^T z_0 to the force C s + F lambda
@@ -83,8 +83,8 @@ class ContactComplement:
         ``mobility`` is the additional compliance of free bodies, if any. ``immobile`` are the nodes
         of rigid bodies without free motion, the same on all ranks.
         """
-        # The geometric stiffness of contact is left out: the factors do not contain that of the
-        # bodies, which would balance it.
+        # The geometric stiffness of contact is left out: the factors do not contain the geometric
+        # stiffness of the bodies, which would balance it.
         contacts = [
             blocks._replace(tangent_nodes=blocks.tangent_nodes[:0], tangent=blocks.tangent[:0])
             for blocks in self._gathered(pairs)
@@ -120,7 +120,7 @@ class ContactComplement:
         return [blocks for part in parts for blocks in part]
 
     def _reach(self, contacts: Sequence[ContactBlocks]) -> GlobalInts:
-        """Compute missing columns of contact nodes; return the contact nodes. Collective."""
+        """Compute missing columns of B U for contact nodes; return these nodes. Collective."""
         nodes: GlobalInts = np.unique(np.concatenate([b.nodes for b in contacts]))
         nodes = np.union1d(nodes, np.concatenate([b.tangent_nodes.ravel() for b in contacts]))
         if self._version != self._bulk.num_builds:
@@ -178,7 +178,7 @@ class ContactComplement:
 
     @property
     def _among_reached(self) -> Floats:
-        """Flexibility matrix S of the contact nodes."""
+        """Flexibility matrix S restricted to the contact nodes."""
         flexibility: Floats = self._flexibility[np.ix_(self._reached, self._reached)]
         return flexibility
 
@@ -195,7 +195,7 @@ class ContactComplement:
         self._version, self._batches, self._columns = self._bulk.num_builds, list(batches), []
 
     def _owned(self, nodes: GlobalInts) -> tuple[Array, Array]:
-        """Local numbers of the owned nodes among some nodes, and their positions in the list."""
+        """Local numbers of the owned nodes in a list of nodes, and their positions in the list."""
         first, last = self._tangent.rows.index_map.local_range
         place = np.flatnonzero((nodes >= first) & (nodes < last))
         return nodes[place] - first, place

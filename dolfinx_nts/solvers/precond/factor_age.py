@@ -18,8 +18,8 @@ __all__ = ["FactorAge"]
 # Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
 # factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
-# Largest number of iterations [-] with the strongest complete factors. It is their cost plus that
-# of factors of the complete system, in iterations.
+# Largest number of iterations [-] with the strongest complete factors. It is their cost plus the
+# cost of factors of the complete system, in iterations.
 _MOST_ITERATIONS = 80
 # Iterations per decade of reduction [-] above which stronger factors are cheaper than new factors
 # of the same kind; above which ILU(1) is cheaper than ILU(0), with the number of decades over which
@@ -60,7 +60,7 @@ class _SolveCounts:
 
 
 class FactorAge:
-    """Decides when to factorise the bulk again, by the additional iterations with old factors.
+    """Decision when to factorise the bulk again, by the additional iterations with old factors.
 
     Args:
         tangent: Matrix of the bulk.
@@ -85,10 +85,10 @@ class FactorAge:
         self._begin()
 
     def _begin(self) -> None:
-        """Reset the counts of the first decades, of recent decades, and of decades in contact."""
+        """Reset the counts of solves: the first decades, recent decades, and decades in contact."""
         self._first, self._last, self._in_contact = _SolveCounts(), _SolveCounts(), _SolveCounts()
-        # Iterations per decade with new factors, NaN until measured, and accumulated excess of
-        # iterations over these.
+        # Iterations per decade with new factors, NaN until measured, and accumulated number of
+        # iterations in excess of these.
         self._fresh, self._excess = math.nan, 0.0
 
     @property

@@ -15,7 +15,7 @@ __all__ = ["Mobility"]
 class Mobility(NamedTuple):
     """Correction of the factors B of a matrix for an artificial stiffness in ``k`` free motions.
 
-    Only the artificial stiffness D resists the free motions P, so that B D P = P. It is replaced by
+    Only the artificial stiffness D resists the free motions P, so that B D P = P. D is replaced by
     another stiffness D' in a subset Q of the motions, and all others are suppressed: B becomes B -
     P (P^T D P)^-1 P^T + Q (Q^T D' Q)^-1 Q^T.
 

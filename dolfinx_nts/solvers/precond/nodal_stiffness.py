@@ -63,7 +63,8 @@ class NodalStiffness:
         V: Space of the displacement.
         fixed: Owned dofs with prescribed displacement.
         bodies: Nodes of each body, owned and ghost. Nodes without unknowns get the mean of their
-            body, since bodies may differ widely. All other nodes are treated as one more body.
+            body, since bodies may differ widely. All other nodes are treated as one additional
+            body.
 
     Attributes:
         values: Stiffness of the owned nodes, ``(n,)`` [N/m]; None before the first matrix.
@@ -91,7 +92,7 @@ class NodalStiffness:
         """Stiffness of the owned nodes in a matrix, shape ``(n,)`` [N/m]. Collective.
 
         Nodes without unknown displacements have the mean of their body, in axisymmetric meshes
-        scaled with the radius, or the mean of all nodes if the body has no stiffness.
+        scaled with the radius. If the body has no stiffness, they have the mean of all nodes.
         """
         num_free = self._is_free.sum(axis=1)
         mean = np.where(self._is_free, rows.diagonal(), 0.0).sum(axis=1) / np.maximum(num_free, 1)
@@ -100,7 +101,7 @@ class NodalStiffness:
         return np.maximum(known, _LEAST_STIFFNESS * typical)
 
     def _means(self, rows: BlockCSR, stiffness: Floats, counts: Flags) -> Floats:
-        """Mean stiffness of the stiffest body of each node, for a relative stiffness of 1."""
+        """Mean stiffness of the stiffest body at each node, for nodes of relative stiffness 1."""
         sums = [
             [stiffness[nodes].sum(), self._share[nodes][counts[nodes]].sum()]
             for nodes in self._bodies

@@ -34,7 +34,7 @@ class OverlappingSubdomain:
         owners = rows_by_rank(space.comm, np.searchsorted(self._ends, ghosts, side="right"))
         self._reached = exchanged(space.comm, {rank: ghosts[k] for rank, k in owners.items()})
         self._reached[space.comm.rank] = np.arange(*space.local_range)
-        # Known contact nodes, and those that are columns in the rows of each rank. Both grow
+        # Known contact nodes, and the contact nodes among the columns of each rank. Both grow
         # slowly.
         self._known: GlobalInts = np.empty(0, dtype=np.int64)
         self._reaches: dict[int, GlobalInts] = {space.comm.rank: self._known}
@@ -70,7 +70,7 @@ class OverlappingSubdomain:
         self._gathered.correct(r, z)
 
     def _near(self, contacts: Sequence[ContactBlocks]) -> list[ContactBlocks]:
-        """Contacts of all ranks with a node that is a column in the rows of this rank."""
+        """Contacts of all ranks that have a node among the columns of the rows of this rank."""
         comm = self._rows.index_map.comm
         self._find_ranks(_unique([a for c in contacts for a in (c.nodes, c.tangent_nodes.ravel())]))
         parts = {}
@@ -165,7 +165,7 @@ class _GatheredRows:
         self._factors.correct(r, z, none if self._halo is None else self._halo.exchange(r, z))
 
     def _place(self, nodes: GlobalInts) -> Ints:
-        """Indices of nodes in the list of columns."""
+        """Positions of nodes in the list of columns."""
         place: Ints = self._order[np.searchsorted(self._sorted, nodes)].astype(np.int32)
         return place
 

@@ -95,7 +95,7 @@ class BulkPreconditioner:
         point: `Tangent.point` of the factors; None before the first.
         num_builds: Number of factorisations so far.
 
-    ``str`` is the kind of the factors, or of the last ones if new ones are not computed yet.
+    ``str`` returns the kind of the factors, or of the last ones until new ones are computed.
     """
 
     def __init__(self, tangent: Tangent, options: PetscOptions) -> None:
@@ -126,7 +126,7 @@ class BulkPreconditioner:
 
     @property
     def is_of_derivative(self) -> bool:
-        """Whether the factors are those of the derivative, the strongest complete ones."""
+        """Whether the factors are factors of the derivative itself, the strongest complete ones."""
         return self._kind == _LDL_DERIVATIVE
 
     @property

@@ -215,7 +215,7 @@ class Tangent(AddedStiffness):
 
 
 class TangentOfAllCells(Tangent):
-    """Tangent with the sparsity of all cells, as cells of rigid bodies may only have loads."""
+    """Tangent with the sparsity pattern of all cells, as loads may act on cells of rigid bodies."""
 
     def _created(self, form: fem.Form) -> la.MatrixCSR:
         V = self._u.function_space

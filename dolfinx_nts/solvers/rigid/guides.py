@@ -65,12 +65,12 @@ class Guides:
         return bool(self.prescribed.any())
 
     def by_name(self) -> list[tuple[str, Floats]]:
-        """Names of the bodies, and their rows of `prescribed`. Local."""
+        """Names of the bodies, each with its row of `prescribed`. Local."""
         names = (body.body.name for body in self._bodies)
         return list(zip(names, self.prescribed, strict=True))
 
     def turns(self) -> list[tuple[str, float]]:
-        """Names of the bodies, and angles of the prescribed rotations [rad]. Local."""
+        """Names of the bodies, each with the angle of its prescribed rotation [rad]. Local."""
         turns = []
         for i, body in enumerate(self._bodies):
             half = np.arctan(np.linalg.norm(self.prescribed[i, len(body.point) :]) / 2)

@@ -46,7 +46,7 @@ class LinearFields:
         nodes: Its owned nodes, shape ``(n,)``.
         point: The origin.
         values: One, and the position from the origin, shape ``(n, d + 1)`` [-, m].
-        products: Products of these, summed over all nodes, shape ``(d + 1, d + 1)``.
+        products: Products of ``values`` summed over all nodes, shape ``(d + 1, d + 1)``.
         reference: Coefficients of the reference position.
         size: Largest coordinate from the origin [m].
         free: Free motions of the body, see `RigidBody.free`.
@@ -126,13 +126,13 @@ def nearest(motions: Floats, weights: Floats, sums: Floats) -> Floats:
 
 
 def inner_products(motions: Floats, sums: Array) -> Floats:
-    """Products of fields ``(..., k, d + 1, d)`` with sums ``(..., d + 1, d)``, ``(..., k)``."""
+    """Inner products ``(..., k)`` of fields ``(..., k, d + 1, d)`` and sums ``(..., d + 1, d)``."""
     products = _flat(motions) @ sums.reshape(*sums.shape[:-2], -1, 1)
     return np.asarray(products[..., 0], dtype=np.float64)
 
 
 def combined(amplitudes: Floats, motions: Floats) -> Floats:
-    """Sums of motions ``(..., k, d + 1, d)`` with amplitudes ``(..., k)``, ``(..., d + 1, d)``."""
+    """Sums ``(..., d + 1, d)`` of motions ``(..., k, d + 1, d)`` times amplitudes ``(..., k)``."""
     field: Floats = (amplitudes[..., None, :] @ _flat(motions))[..., 0, :]
     return field.reshape(*amplitudes.shape[:-1], *motions.shape[-2:])
 
@@ -144,7 +144,7 @@ def solved(matrices: Floats, right: Floats) -> Floats:
 
 
 def products_of(left: Floats, weights: Floats, right: Floats) -> Floats:
-    """Products of fields ``(..., k, d + 1, d)`` with the weights, ``(..., k, k)``."""
+    """Weighted products ``(..., k, k)`` of fields ``(..., k, d + 1, d)`` with each other."""
     weighted = weights[..., None, :, :] @ right
     matrix: Floats = _flat(left) @ np.swapaxes(_flat(weighted), -1, -2)
     return matrix

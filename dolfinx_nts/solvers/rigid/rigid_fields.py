@@ -51,7 +51,7 @@ class Freedom(NamedTuple):
         return self._back((self.free @ amplitudes[..., None])[..., 0])
 
     def solved(self, matrices: Array, right: Floats) -> Floats:
-        """Amplitudes of free motions from equations for all motions, ``(b, k, k)``, ``(b, k)``."""
+        """Amplitudes of the free motions, by matrices ``(b, k, k)`` of all motions, ``(b, k)``."""
         own = self.free @ matrices @ self.free.transpose(0, 2, 1) + self.no_motion
         return self._back(np.linalg.solve(own, self.free @ right[..., None])[..., 0])
 
@@ -86,7 +86,7 @@ class RigidFields:
         self._counts = np.array([len(body.nodes) for body in bodies])
 
     def sums(self, *vectors: Floats) -> Floats:
-        """Total products of the fields with ``f`` vectors, ``(f, b, d + 1, d)``."""
+        """Products of the fields and ``f`` vectors over all ranks, ``(f, b, d + 1, d)``."""
         at_nodes = np.array([vector[self._nodes] for vector in vectors])
         products = self._values[:, :, None] * at_nodes[:, :, None]
         sums = np.zeros((len(vectors), len(self._counts), *products.shape[2:]))

@@ -107,7 +107,7 @@ class _Linearisation:
         self._stiffness = products_of(self.mean, inertia, self.end) + self.turning + no_motion
 
     def project(self, x: Floats, y: Floats) -> Floats:
-        """Coefficients of rigid forces equivalent to y, with lever arms rotated by increments x."""
+        """Coefficients of rigid forces equivalent to y, with arms rotated by increments x."""
         amplitudes = self._of_end @ inner_products(self.end, x)[..., None]
         resultant = inner_products(self.mean, y)[..., None] + self.turning @ amplitudes
         return combined((self._of_forces @ resultant)[..., 0], self.end)
@@ -179,7 +179,8 @@ class RigidMotion(RigidStates):
     def project(self, x: Floats | None, y: Floats) -> Floats:
         """Project forces y on rigid motions, in place.
 
-        With increments x [m], y are their tangent forces, and the rotation of the forces is added.
+        If increments x [m] are given, y are the tangent forces due to x, and the change of the
+        forces by rotation is added.
         """
         if self._states is None:
             return y

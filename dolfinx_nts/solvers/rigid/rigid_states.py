@@ -58,7 +58,7 @@ class RigidStates:
         self._were_set |= {(each, name) for each in self._bodies if each.body is body}
 
     def restored(self) -> None:
-        """Treat the state of all bodies as the result of a step. Local."""
+        """Treat the state of all bodies as the result of a step, not as set by the user. Local."""
         self._were_set = set()
 
     def check(self, u: Floats, v: Floats) -> None:

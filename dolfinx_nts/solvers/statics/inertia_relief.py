@@ -57,7 +57,7 @@ class _Relief:
     Attributes:
         motions: The motions at the owned nodes, shape ``(k, 3 n)`` [-].
         weighted: The motions times mass [kg].
-        gram: Products of both, shape ``(k, k)`` [kg].
+        gram: Products of ``motions`` and ``weighted``, shape ``(k, k)`` [kg].
         force: Force that inertia carries, shape ``(n, 3)`` [N].
         free: All free motions at the owned nodes, shape ``(f, n, 3)`` [-].
         suppressed: Suppressed motions as combinations of the free ones, shape ``(f, k)``.
@@ -227,7 +227,7 @@ class InertiaRelief:
         return Mobility.of(self._comm, relief.free, relief.suppressed, added, driven)
 
     def accept(self) -> bool:
-        """Whether the force carried by inertia is negligible; if not, lower its limit. Local."""
+        """Whether the force carried by inertia is negligible; otherwise lower its limit. Local."""
         is_negligible = self._relief.share <= _NEGLIGIBLE
         if not is_negligible:
             self._limit = _NEGLIGIBLE
@@ -266,8 +266,8 @@ class InertiaRelief:
                 )
                 remedy = "add bcs, or a load that closes the contact"
             _logger.warning(
-                "%s; %.1e of the forces is not balanced, the relative error of the result: if that "
-                "is too much, %s",
+                "%s; %.1e of the forces is not balanced, and the result has this relative error: "
+                "if it is too large, %s",
                 holds,
                 self._relief.share,
                 remedy,

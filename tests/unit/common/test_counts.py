@@ -27,5 +27,5 @@ def test_flags_are_counted_part_by_part(rng):
 @pytest.mark.parametrize("number", [[4, 2], [9, 10], [-1, 3]])
 def test_numbers_have_to_ascend_in_the_parts(number):
     flags, number = np.ones(2, dtype=bool), np.array(number, dtype=np.int32)
-    with pytest.raises(ValueError, match="expected ascending numbers in the parts"):
+    with pytest.raises(ValueError, match="expected ascending numbers within the ranges of ends"):
         _kernels.counts_of_parts(flags, number, ENDS)

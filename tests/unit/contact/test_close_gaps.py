@@ -128,7 +128,7 @@ def test_invalid_adjustments_are_refused():
     ):
         nts.close_gaps(pair, 1.0)
     for segments in (scene.nodes, nts.RigidPlane((0, 0, 0), (0, 0, 1))):
-        with pytest.raises(ValueError, match="a pair of two surfaces to close the gaps between"):
+        with pytest.raises(ValueError, match="a pair of two surfaces, whose gaps can be closed"):
             nts.close_gaps(
                 nts.ContactPair(
                     scene.nodes,

@@ -36,7 +36,7 @@ def test_bounds_cover_selected_nodes_only(rng):
 
 def test_rows_that_are_not_there_are_refused(rng):
     x, one, far = rng.normal(size=(3, 3)), np.ones((1, 3)), np.array([3], np.int32)
-    with pytest.raises(ValueError, match="rows: expected rows of x"):
+    with pytest.raises(ValueError, match="rows: expected row numbers of x"):
         bounds(x, far)
     with pytest.raises(ValueError, match="a row for each row of p"):
         motion_sums(x[:0], one, one)

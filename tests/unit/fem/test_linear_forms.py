@@ -239,14 +239,14 @@ def test_kernel_refuses_arrays_of_wrong_shape():
         ({"kernels": []}, "at least one"),
         ({"kernels": [_kernels.BatchKernel(1, n, False) for n in (4, 8)]}, "equal lanes"),
         ({"places": np.array([12], dtype=np.int32)}, "less than width"),
-        ({"X": X[:3]}, "rows of X"),
+        ({"X": X[:3]}, "row numbers of X"),
         ({"nodes": np.repeat(nodes, 2, axis=0)}, "nodes: expected shape"),
         ({"nodes": nodes - 1}, "nodes: expected no negative entry"),
         ({"rows": nodes - 1}, "rows: expected no negative entry"),
         ({"rows": np.repeat(nodes, 2, axis=0)}, "rows: expected shape"),
-        ({"functions": [values[:9]]}, "all values of each node"),
-        ({"first": [1]}, "places for all values"),
-        ({"first": []}, "a place for each function"),
+        ({"functions": [values[:9]]}, "the values of all nodes"),
+        ({"first": [1]}, "values of each function within width"),
+        ({"first": []}, "one index for each function"),
     ):
         with pytest.raises(ValueError, match=message):
             _kernels.CellIntegral(**good | wrong)
@@ -259,5 +259,5 @@ def test_kernel_refuses_arrays_of_wrong_shape():
         integral.add(np.array([1], dtype=np.int32), nothing, values, np.empty(0))
     with pytest.raises(ValueError, match="packed: expected shape"):
         integral.add(none, np.zeros((1, 12)), values, np.empty(0))
-    with pytest.raises(ValueError, match="all values of each node"):
+    with pytest.raises(ValueError, match="the values of all nodes"):
         integral.add(none, nothing, values[:9], np.empty(0))

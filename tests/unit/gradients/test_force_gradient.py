@@ -224,7 +224,7 @@ def test_wrong_forces_are_refused(comm, refused):
     with refused(TypeError, "expected in forces a condition of bcs, or a Surface"):
         gradient(curved, stepper.pairs[0])
     V = stepper.u.function_space
-    with refused(ValueError, "conditions of bcs of the stepper, given another"):
+    with refused(ValueError, "conditions of bcs of the stepper, given one not in bcs"):
         gradient(curved, fem.dirichletbc(np.zeros(3), np.arange(2, dtype=np.int32), V))
     far = nts.Surface.where(V, lambda X: np.isclose(X[2], 0.0))
     with refused(ValueError, "surfaces or bodies with contact in the stepper"):
@@ -233,5 +233,5 @@ def test_wrong_forces_are_refused(comm, refused):
         gradient(lambda t, force: force, moved).value()
     with refused(ValueError, r"a scalar of forces and Constants, .* shape \(\) with Function"):
         gradient(lambda t, force: force[0] * stepper.u[0], moved).value()
-    with refused(TypeError, "expected a form, a scalar of the forces or None"):
+    with refused(TypeError, "return a form, a scalar of the forces or None"):
         gradient(lambda t, force: float(force.value[0]), moved).value()

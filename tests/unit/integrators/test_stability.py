@@ -51,7 +51,7 @@ def test_length_agrees_with_eigenvalues(rng, k):
     r = x[cells] - x[cells].mean(axis=1, keepdims=True)
     least = np.linalg.eigvalsh(r.transpose(0, 2, 1) @ r / k)[:, 0]
     np.testing.assert_allclose(_kernels.cell_lengths(x, cells) ** 2, 4 * least, atol=1e-14)
-    with pytest.raises(ValueError, match="rows of x"):
+    with pytest.raises(ValueError, match="row numbers of x"):
         _kernels.cell_lengths(x, cells + 30)
 
 

@@ -100,5 +100,5 @@ def test_a_number_that_no_rank_has_is_refused_on_all(comm, refused):
         fetch_rows(comm, known[::-1], known, table(known)).tolist() == table(known)[::-1].tolist()
     )
     wanted = np.array([0, 7] if comm.rank == comm.size - 1 else [0])
-    with refused(ValueError, "expected numbers of rows that exist on a rank, given other numbers"):
+    with refused(ValueError, "expected numbers of existing rows, given one that no rank has"):
         fetch_rows(comm, wanted, known, table(known))

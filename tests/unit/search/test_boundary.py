@@ -265,7 +265,7 @@ def test_wrong_arguments_are_refused():
     boundaries = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
     with pytest.raises(ValueError, match="expected an earlier call of move"):
         boundaries.extents()
-    with pytest.raises(ValueError, match="x: expected all rows of the boundaries"):
+    with pytest.raises(ValueError, match="x: expected a row for each node of the boundaries"):
         boundaries.move(np.zeros((35, 3)))
     boundary = Boundary(box())
     with pytest.raises(ValueError, match=r"points: expected shape \(any, 3\)"):

@@ -72,5 +72,5 @@ def test_wrong_rows_are_refused():
     facets, x = np.array([[0, 1, 2]], dtype=np.int32), np.zeros((3, 3))
     with pytest.raises(ValueError, match="others"):
         _kernels.facets_may_be_within(x, facets, facets[:, :2].copy(), 0.1)
-    with pytest.raises(ValueError, match="facets: expected rows of x"):
+    with pytest.raises(ValueError, match="facets: expected row numbers of x"):
         _kernels.facets_may_be_within(x, facets + 1, facets, 0.1)

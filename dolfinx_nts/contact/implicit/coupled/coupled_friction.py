@@ -37,7 +37,7 @@ class CoupledFriction(Protocol):
         """Coefficients of friction of nodes, shape ``(m,)`` [-]."""
 
     def use_all_slips(self, pairs: PairKinematics) -> None:
-        """Use slips of any size in constraint residuals, without a threshold for round-off."""
+        """Use slips of any size in constraint residuals, even if they may be round-off."""
 
     def set_states(
         self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats

@@ -17,9 +17,9 @@ __all__ = ["Friction"]
 class Friction:
     """Tangential forces of the nodes of a pair. This base class has none.
 
-    Methods are local unless noted. In them ``pairs`` are the pairs of ``m`` of the ``n`` nodes of
-    the surface, ``node`` the indices of these nodes, shape ``(m,)``, and ``active`` flags the pairs
-    that transmit force, shape ``(m,)``.
+    Methods are local unless noted. Common arguments: ``pairs`` are the pairs of ``m`` of the ``n``
+    nodes of the surface; ``node`` are indices of these nodes, shape ``(m,)``; ``active`` are flags
+    of pairs that transmit force, shape ``(m,)``.
 
     Args:
         state: State of the contact pair.
@@ -80,7 +80,7 @@ class Friction:
         iteration: int,
         linear: Floats | None = None,
     ) -> int:
-        """Decide on stick and slip, and linearise the traction. Collective.
+        """Decide on stick and slip, and linearise the tractions. Collective.
 
         ``p`` is the normal force, shape ``(m,)`` [N], and ``iteration`` counts the Newton
         iterations of the step from 0; ``linear`` is the normal force of the linear system; None if

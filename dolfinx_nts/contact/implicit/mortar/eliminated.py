@@ -26,7 +26,7 @@ class EliminatedDofs:
         self._last: dict[bool, tuple[Ints, Floats, NodalSystem]] = {}
 
     def take(self, dofs: Ints) -> "EliminatedDofs":
-        """Eliminated displacements of other pairs, with nodes of shape ``(m, d)``."""
+        """Copy of this object for other pairs, with their nodes, ``(m, d)``."""
         return self if dofs is self._dofs else EliminatedDofs(self._candidates, self._free, dofs)
 
     def system(

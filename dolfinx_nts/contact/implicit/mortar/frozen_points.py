@@ -56,8 +56,8 @@ class FrozenPoints(LocalSearch):
     # t_n, and gaps to the extension of bent segments would drift (by 0.16 segments in 16 steps of
     # 3 segments each).
     _slides_far = False
-    # Whether inactive nodes that have points must not be inside either. In an impact they may be,
-    # in the step in which they touch.
+    # Whether inactive nodes that have points must not penetrate. In an impact they may penetrate in
+    # the step in which they touch.
     _is_static = False
     # Gap relative to the size of a segment [-] above which the position of points is irrelevant
     # at nodes without force.
@@ -125,9 +125,9 @@ class FrozenPoints(LocalSearch):
 
         In resolved impact they do not depend on gaps: fractions that change between steps reduce
         the order of convergence in time from 2.7 to 0.6. Around loaded nodes fractions do not
-        increase: mean gaps would decrease without motion, and bodies at rest, whose springs follow
-        their gaps, would sink in step by step. Gaps at x, without contact forces, do not count
-        there.
+        increase: mean gaps would decrease without motion, and resting bodies, whose springs follow
+            their gaps, would penetrate further in each step. Gaps at x, without contact forces, are
+            ignored there.
         """
         if self._is_resolved:
             return np.ones(len(self._every))

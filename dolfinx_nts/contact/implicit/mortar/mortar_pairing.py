@@ -63,7 +63,7 @@ class MortarPairing(Pairing):
         self._frames: NodalFrames | None = None
 
     def _of(self, node: Ints) -> MortarPoints:
-        """Contact points of nodes."""
+        """Contact points of the given nodes."""
         if len(node) == len(self.area):
             return self._points
         key = node.tobytes()
@@ -100,7 +100,7 @@ class MortarPairing(Pairing):
         return mean_slip(points, slip, self._frames)
 
     def least_faced(self, values: Floats) -> Floats:
-        """Minimum of values over the segments at the points of a node, see `LocalSearch`. Local."""
+        """Minimum over the segments at the points of each node, see `LocalSearch`. Local."""
         points = self._points
         of_points = values[points.segment % max(len(values), 1)]
         return points.shares.reduced(np.minimum, of_points[points.shares.point], np.inf)
@@ -127,7 +127,7 @@ class MortarPairing(Pairing):
         return self._pairs_n, self._pairs
 
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
-        """Sum the forces of all multipliers on the facets around the nodes."""
+        """Sum up the forces of all multipliers on the nodes of the facets."""
         facets, scatter = self._candidates.facets, self._candidates.scatter
         forces = force.reshape(*pairs.dofs.shape, 3) * ~self.on_segments(pairs)[:, :, None]
         total = np.zeros((scatter.index_map.size_local, 3))

@@ -13,8 +13,8 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["ROUNDING", "ActiveSet", "BlockPivoting"]
 
-# Force, or gap times the nodal stiffness k, relative to k h with the size h of a segment [-] that
-# counts as round-off.
+# Round-off of a gap relative to the size h of a segment [-], and of a force relative to k h, with
+# the stiffness k of the node.
 ROUNDING = 16 * np.finfo(np.float64).eps
 # Number of iterations [-] without a decrease of the violated conditions after which only one node
 # changes at a time.

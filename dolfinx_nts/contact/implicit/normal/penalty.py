@@ -84,7 +84,7 @@ class PenaltyContact(NormalContact):
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
-        # With convective friction at the midpoint.
+        # Springs with convective friction act at the midpoint of the step.
         node, eps_N = pairs.node, self._eps_N[pairs.node]
         if self._state.pair.is_convective:
             # Eqs. (60)-(64) of Franke, Hesch and Betsch (2011).
@@ -239,7 +239,7 @@ class PenaltyContact(NormalContact):
         It is constant while the spring is loaded, so that its energy is a function of the gap.
         """
         old, approach = self._state.history, self._search.approach
-        speed = np.fmax(approach.gap_n - approach.gap, 0.0) / dt  # without a segment 0
+        speed = np.fmax(approach.gap_n - approach.gap, 0.0) / dt  # 0 at nodes without a segment
         deforms = np.isfinite(depth_per_speed)
         # Springs that are loaded by a displacement set by the user had no impact: they stay soft.
         overlaps = (old.key == NEVER) & (approach.gap_n < 0) & ~self._search.touches

@@ -37,7 +37,7 @@ class _Vertices(NormalContact):
     """
 
     def _prepare(self, state: PairState | JointState, search: LocalSearch) -> None:
-        """Store the arguments of `NormalContact` for the choice of vertices."""
+        """Store the arguments that the choice of vertices needs."""
         self._candidates = cast(SegmentCandidates, search.candidates)
         self._states = cast(tuple[VertexState, ...], members(state))
         self._tolerance = np.concatenate([each.tolerance for each in self._states])
@@ -165,7 +165,7 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         return number + self._replace_means(self.active | self._sunk)
 
     def _replace_means(self, holding: Flags) -> int:
-        """Constrain the own gaps of flagged vertices, ``(n,)``, in the place of their mean gaps.
+        """Constrain the gaps at flagged vertices, ``(n,)``, instead of the mean gaps around them.
 
         Collective. Returns the number of nodes of this rank that changed.
         """

@@ -40,7 +40,7 @@ struct Aggregation
 /// @param[in] values Vectors of pairs, (p, c, 3 (1 + s)).
 /// @param[in] count Number of vectors of a pair, c.
 /// @param[in] length Nodes of a row, L.
-/// @param[in,out] rows (n, c, 3 L), to which is added.
+/// @param[in,out] rows (n, c, 3 L), incremented.
 inline void sum_to_rows(const Aggregation& a, std::size_t vertices,
                         std::span<const double> values, std::size_t count,
                         std::size_t length, std::span<double> rows)
@@ -109,7 +109,7 @@ inline void least(const Aggregation& a, std::span<const double> values,
 /// @param[in] block Block of each pair, (p,).
 /// @param[in] factor Factor of each matrix, (p,).
 /// @param[in] matrix (p, 3 (1 + s), 3 (1 + s)).
-/// @param[in,out] out (b, 3 (k + s), 3 (k + s)), to which is added.
+/// @param[in,out] out (b, 3 (k + s), 3 (k + s)), incremented.
 inline void sum_to_blocks(std::span<const double> phi, std::size_t width,
                           std::size_t vertices,
                           std::span<const std::int32_t> block,

@@ -107,7 +107,7 @@ inline void spread_tractions(const TurnedShares& shares,
 /// @param[in] block Block of each point, (p,).
 /// @param[in] w, b Weights of the pairs, (p, 1 + s) and (p, 2, 1 + s).
 /// @param[in] traction (p, 2).
-/// @param[in,out] out (b, 3 (k + s), 3 (k + s)), to which is added.
+/// @param[in,out] out (b, 3 (k + s), 3 (k + s)), incremented.
 inline void
 sum_slip_blocks(std::span<const double> phi, std::size_t width,
                 std::size_t vertices, std::span<const std::int32_t> block,

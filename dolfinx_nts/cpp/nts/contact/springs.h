@@ -103,8 +103,9 @@ struct MovedSprings
 /// @param[in] before, after Springs at the ends of a step.
 /// @param[in] dissipation By friction at each node in the step, (n,) [J]; empty
 /// if there is no friction.
-/// @return Work of nodes that kept their segments, of new ones, of those that
-/// changed segments; energy released by springs; minus the dissipation [J].
+/// @return Work of nodes that kept their segments, of new nodes, and of nodes
+/// that changed segments; energy released by springs; minus the dissipation
+/// [J].
 inline std::array<double, 5>
 work_by_cause(const MovedSprings& before, const MovedSprings& after,
               std::span<const double> dissipation) noexcept

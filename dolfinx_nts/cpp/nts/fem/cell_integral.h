@@ -27,7 +27,7 @@ public:
       throw std::invalid_argument("address: expected a function, given 0");
   }
 
-  /// @param[in,out] b Element vector, to which is added.
+  /// @param[in,out] b Element vector, incremented.
   /// @param[in] w Values of the functions.
   /// @param[in] c Values of the constants.
   /// @param[in] X Vertices of the cell, (v, 3).
@@ -54,7 +54,7 @@ private:
 /// @brief Values of a function of the space, as the input of a kernel.
 struct Gathered
 {
-  std::span<const double> values; ///< at the nodes, (l, d)
+  std::span<const double> values; ///< values at the nodes, (l, d)
   std::size_t first;              ///< index of its first value in the input
 };
 
@@ -65,7 +65,7 @@ struct CellNodes
   std::span<const double> X;              ///< vertices, (g, 3) [m]
   std::span<const std::int32_t> vertices; ///< rows of X, (c, v)
   std::size_t v;                          ///< vertices of a cell
-  std::span<const std::int32_t> nodes;    ///< of the space, (c, k)
+  std::span<const std::int32_t> nodes;    ///< nodes of the space, (c, k)
   std::size_t k;                          ///< nodes of a cell
   std::size_t d;                          ///< values of the space at a node
 };

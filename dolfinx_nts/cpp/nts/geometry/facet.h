@@ -134,8 +134,8 @@ private:
   }
 };
 
-/// @brief Tangents of a facet; that of an edge, and one along z as `Line2`
-/// says.
+/// @brief Tangents of a facet; in the plane the tangent of an edge, and one
+/// along z, see `Line2`.
 template <class F>
 std::array<Vec3, 2> tangents(const std::array<Vec3, F::vertices>& x,
                              const Vec2& xi) noexcept

@@ -17,7 +17,7 @@ inline constexpr std::size_t pair_size = 3 * (1 + S::vertices);
 template <class S>
 using PairVector = std::array<double, pair_size<S>>;
 
-/// @brief A number for each two coordinates of a pair, such as a Hessian.
+/// @brief A number for any two coordinates of a pair, such as a Hessian.
 template <class S>
 using PairMatrix = std::array<PairVector<S>, pair_size<S>>;
 

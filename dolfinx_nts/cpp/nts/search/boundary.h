@@ -10,7 +10,7 @@ namespace nts
 ///
 /// A ray from a point leaves the boundary once more than it enters it if the
 /// point is inside. Crossings are sums over triangles, so that each rank can
-/// count those of its triangles.
+/// count the crossings of its triangles.
 class Boundary
 {
 public:
@@ -90,7 +90,7 @@ public:
   }
 
   /// @brief Coordinates from 0 to 1 at which a straight path intersects
-  /// triangles, and the side on which it continues, see WayCut.
+  /// triangles, and the side on which it continues, see `PathCut`.
   template <class OnCut>
   void cuts(const Vec3& begin, const Vec3& end, OnCut&& found) const
   {
@@ -141,7 +141,7 @@ private:
   /// @brief Box with a margin far larger than round-off.
   static Box around(Box box) noexcept
   {
-    constexpr double margin = 1e-9; // of the longest side
+    constexpr double margin = 1e-9; // relative to the longest side
     box.widen(margin * std::ranges::max(box.upper - box.lower));
     return box;
   }

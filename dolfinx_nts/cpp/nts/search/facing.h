@@ -200,8 +200,8 @@ public:
     return found;
   }
 
-  /// @brief Whether the mean normal is close to a segment's normal: the node
-  /// then moves ahead of its body, and is not on a rim.
+  /// @brief Whether the mean normal at the node is close to a segment's normal;
+  /// the node is then on the leading side of its body, not on a rim.
   bool lead_along(const Vec3& normal) const
   {
     Vec3 mean = {};
@@ -269,7 +269,7 @@ private:
   std::vector<Box> _boxes;
 };
 
-/// @brief Admissible segments of one node: those that face it, see
+/// @brief Admissible segments of one node: segments that face it, see
 /// `find_segment`. The node keeps its current segment in any orientation.
 template <class S>
 class Facing

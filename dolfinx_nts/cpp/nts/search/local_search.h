@@ -48,7 +48,7 @@ struct SegmentSurface
   std::span<const std::int32_t> vertices; ///< rows of x, (s, k)
   std::span<const double> orientation;    ///< +1 or -1, (s,)
   std::span<const std::int64_t> key;      ///< the lowest wins a tie, (s,)
-  double sunk = 0; ///< depth of initially penetrating nodes [m], 0 without
+  double sunk = 0;       ///< depth of initially penetrating nodes [m], or 0
   bool in_dents = false; ///< whether nodes below concave edges keep a segment
 
   /// @brief Positions of the vertices of a segment.

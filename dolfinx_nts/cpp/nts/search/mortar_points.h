@@ -22,7 +22,7 @@
 /// Segments are projected along the mean normal of a facet into its reference
 /// cell and clipped there, so that neighbours tile the facet without gaps; in
 /// the plane, edges are projected on edges.
-/// Weights are reference areas, of rings around their whole circles.
+/// Weights are reference areas, in axisymmetric meshes over the circumference.
 /// Multipliers belong to the vertices. Their shape functions are dual to the
 /// linear ones of the facet on the part of it that is covered (Cichosz and
 /// Bischoff 2011). For vertices outside of that part, see
@@ -68,7 +68,7 @@ struct MortarPoints
 struct Ends
 {
   std::span<const double> X;          ///< reference, of nodes of facets, (l, 3)
-  std::span<const double> x_n;        ///< at t_n, the same
+  std::span<const double> x_n;        ///< of the same nodes at t_n
   std::span<const double> segments_n; ///< at t_n, of vertices of segments
   std::span<const double> thickness;  ///< of cells at segments, (s,) [m]
   bool are_rings;  ///< whether the mesh is axisymmetric about x = 0
@@ -153,8 +153,8 @@ private:
     return p.converged ? p.gap : NAN;
   }
 
-  /// @brief Box around a facet in its plane. Curved edges may leave that of its
-  /// nodes.
+  /// @brief Box around a facet in its plane. Curved edges may leave the box of
+  /// the nodes.
   struct Box
   {
     Vec2 low, high;

@@ -18,7 +18,7 @@ struct Trajectory
   std::int32_t entered = -1; ///< segment that it enters, or -1
   bool leaves = false;       ///< whether it leaves again
   double begin = 0;          ///< time when it enters, -1 if it starts inside
-  double length = 0;         ///< below the surface, relative to it [m]
+  double length = 0;         ///< path below the moving surface [m]
   double cosine = 1;         ///< between the normals at entry and exit [-]
   double gap = NAN; ///< at the end, to the plane of the segment entered [m]
 };
@@ -145,7 +145,8 @@ public:
     std::ranges::sort(_crossings, {}, [](const Crossing& c)
                       { return std::pair(c.time, !c.inward); });
     Trajectory longest;
-    // A node that moves ahead of its body, and first exits, entered earlier.
+    // On the leading side of its body, a node whose first crossing is an exit
+    // was inside before.
     if (!_crossings[0].inward && node.leads_along(_crossings[0].normal))
       longest = {.entered = _crossings[0].segment,
                  .leaves = true,
@@ -266,6 +267,6 @@ private:
 
   const MovingSurface& _surface;
   Tree _tree;
-  std::vector<Crossing> _crossings; // of the last node
+  std::vector<Crossing> _crossings; // crossings of the last node
 };
 } // namespace nts

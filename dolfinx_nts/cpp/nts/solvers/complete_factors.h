@@ -91,7 +91,7 @@ public:
     }
     _entry.resize(entries);
     std::vector<std::vector<float>> updates(_fronts.size());
-    std::vector<std::int32_t> local(_nodes); // of places in the current front
+    std::vector<std::int32_t> local(_nodes); // local numbers in the front
     std::vector<float> F;
     for (std::size_t f = 0; f < _fronts.size(); ++f)
     {
@@ -359,11 +359,11 @@ private:
 
   std::size_t _nodes, _blocks, _dim = 3;
   bool _is_made = false;
-  double _scale = 1;                // of the matrix
+  double _scale = 1;                // scale of the matrix
   std::vector<std::int32_t> _order; // nodes in the order of elimination
   std::vector<std::int32_t> _place; // position of each node in _order
   std::vector<Front> _fronts;       // each after its children
   std::vector<float> _entry;        // the factors
-  std::vector<float> _x, _w;        // values in the order, and of a front
+  std::vector<float> _x, _w;        // work space: all values, front
 };
 } // namespace nts

@@ -181,7 +181,7 @@ private:
   struct Constraint
   {
     std::size_t rank;                    // number of constraints
-    std::vector<std::int32_t> nodes;     // that they reach, its own first
+    std::vector<std::int32_t> nodes;     // nodes in them, its own node first
     std::vector<Columns<B>> right, left; // Z_0a and (Z~^T)_a0
     Columns<B> eliminated;               // E E^T at the node
   };
@@ -190,7 +190,7 @@ private:
   struct Tangent
   {
     std::vector<std::int32_t> nodes;
-    std::size_t first; // of its (nodes, nodes) blocks among the rows of all
+    std::size_t first; // its first row in the rows of all blocks
   };
 
   /// @brief Add a block of the tangent.
@@ -363,7 +363,7 @@ private:
   {
     const auto constraints = by_node(_constraints);
     const auto tangents = by_node(_tangents);
-    std::vector<const Constraint*> constrainer(_size, nullptr); // of each node
+    std::vector<const Constraint*> constrainer(_size, nullptr); // by node
     for (const Constraint& constraint : _constraints)
     {
       const Constraint*& present = constrainer[_number[constraint.nodes[0]]];
@@ -400,7 +400,7 @@ private:
     // Z~^T adds multiples of the row of a constrained node to the rows of all
     // other nodes in its constraint.
     _constrained.clear(_size);
-    std::vector<std::size_t> place(_size, 0); // of rows
+    std::vector<std::size_t> place(_size, 0); // row of each constrained node
     for (std::size_t p = 0; p < _size; ++p)
       if (constrainer[p])
       {
@@ -435,19 +435,19 @@ private:
 
   BlockMatrix<B> _K;
   std::vector<double> _stiffness;   // mean entry on the diagonal of each node
-  double _scale;                    // of values in single precision
-  PackedRows<B> _rows;              // of K that contacts have needed, scaled
-  std::vector<std::int64_t> _taken; // offset of the rows of each node, or -1
+  double _scale;                    // scale of single-precision values
+  PackedRows<B> _rows;              // rows of K used so far, scaled
+  std::vector<std::int64_t> _taken; // offset of each node's rows, or -1
   std::vector<Constraint> _constraints;
   std::vector<Tangent> _tangents;
-  PackedRows<B> _tangent_rows;       // theirs, scaled
-  std::vector<std::int32_t> _nodes;  // of the subdomain, then outer nodes
-  std::vector<std::int32_t> _number; // of each node, -1 where there is none
-  std::size_t _size = 0;             // of the subdomain
+  PackedRows<B> _tangent_rows;       // rows of the tangents, scaled
+  std::vector<std::int32_t> _nodes;  // subdomain, then outer nodes
+  std::vector<std::int32_t> _number; // index of each node in `_nodes`, or -1
+  std::size_t _size = 0;             // nodes of the subdomain
   BlockRows<B> _constrained;         // (K + C) Z at constrained nodes
   BlockRows<B> _projected;           // A
   IncompleteFactors<B> _factors;
-  std::vector<float> _z; // at all columns
+  std::vector<float> _z; // values at all columns
   std::vector<double> _x;
 };
 } // namespace nts

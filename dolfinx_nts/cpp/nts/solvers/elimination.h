@@ -46,7 +46,7 @@ struct Elimination
   std::size_t width;
   /// (p, width) Nodes of the blocks.
   std::span<const std::int32_t> tangent_nodes;
-  /// (p, B width, B width) Blocks, whose sum, with that of F_a S_ab G_b^T, is
+  /// (p, B width, B width) Blocks; their sum plus the sum of F_a S_ab G_b^T is
   /// the contact tangent C.
   std::span<const double> tangent;
 

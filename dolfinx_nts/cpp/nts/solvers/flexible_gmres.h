@@ -115,7 +115,7 @@ private:
     a = first;
   }
 
-  std::vector<std::vector<double>> _columns; // of the triangle, and a zero
+  std::vector<std::vector<double>> _columns; // triangle columns, then 0
   std::vector<Turn> _turns;
   std::vector<double> _right;
 };

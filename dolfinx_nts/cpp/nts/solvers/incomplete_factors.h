@@ -71,7 +71,7 @@ private:
 
   const Rows& _A;
   std::span<const std::int32_t> _order;
-  std::vector<std::int32_t> _place; // of rows in the order
+  std::vector<std::int32_t> _place; // place of each row in `_order`
   std::vector<std::int32_t> _last;  // row that had this column
   bool _fill;
   Entries _entries;
@@ -242,10 +242,10 @@ private:
     return false;
   }
 
-  double _scale = 1; // of the matrix
+  double _scale = 1; // scale of the matrix
   std::vector<std::int32_t> _order;
   std::vector<std::size_t> _begin; // rows of L, then of U from the last
   PackedRows<B> _factors;
-  std::vector<float> _x; // values in this order
+  std::vector<float> _x; // values in the order of elimination
 };
 } // namespace nts

@@ -85,7 +85,7 @@ def test_known_tractions_turn_with_the_slip_of_sliding_nodes(rng):
     traction = known - multipliers[:, :1] * direction
     traction[0], traction[2] = multipliers[0, 1:], 0.0
     np.testing.assert_allclose(of.traction[of.node], traction, rtol=0, atol=1e-14)
-    with pytest.raises(ValueError, match="expected rows of the other arrays"):
+    with pytest.raises(ValueError, match="expected row numbers of the other arrays"):
         of.kernel.known(of.node + N, of.active, not_own, 3)
 
 
@@ -113,7 +113,7 @@ def test_known_tractions_are_the_same_in_other_frames(rng):
     length = np.linalg.norm(of.traction, axis=1)
     of.kernel.turn(of.node, np.linalg.qr(rng.normal(size=(M, 3, 3)))[0][:, :2])
     np.testing.assert_allclose(np.linalg.norm(of.traction, axis=1), length, rtol=1e-14)
-    with pytest.raises(ValueError, match="expected rows of the other arrays"):
+    with pytest.raises(ValueError, match="expected row numbers of the other arrays"):
         of.kernel.turn(of.node + N, frame)
 
 
@@ -141,9 +141,9 @@ def test_points_stand_before_the_vertices_of_their_segments(rng):
     pairs = _kernels.with_vertices(points, x, vertices, segment)
     np.testing.assert_array_equal(pairs[:, 0], points)
     np.testing.assert_array_equal(pairs[:, 1:], x[vertices[segment]])
-    with pytest.raises(ValueError, match="expected rows of vertices"):
+    with pytest.raises(ValueError, match="expected row numbers of vertices"):
         _kernels.with_vertices(points, x, vertices, segment - 4)
-    with pytest.raises(ValueError, match="expected rows of x"):
+    with pytest.raises(ValueError, match="expected row numbers of x"):
         _kernels.with_vertices(points, x, vertices + N, segment)
 
 

@@ -67,5 +67,7 @@ def test_wrong_shares_are_refused(shares, rng):
     parts, slip, frame = np.zeros((START[-1], 2, 2)), np.zeros((P, 2)), frames(rng, P)
     with pytest.raises(ValueError, match="expected numbers of points"):
         _kernels.sum_slip(start, point + P, parts, slip, frame)
-    with pytest.raises(ValueError, match="expected lists that hold all shares"):
+    with pytest.raises(
+        ValueError, match="expected ascending offsets, from 0 to the number of shares"
+    ):
         _kernels.turn_shares(start[:-1], point, value, frames(rng, 2), frame)

@@ -91,7 +91,7 @@ def test_contact_of_nodes_is_summed_up(rng):
     found = _kernels.contact_sums(x, nodes, *contact)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
     assert not _kernels.contact_sums(x, nodes[:0], *(each[:0] for each in contact)).any()
-    with pytest.raises(ValueError, match="nodes: expected rows of x"):
+    with pytest.raises(ValueError, match="nodes: expected row numbers of x"):
         _kernels.contact_sums(x[:6], nodes, *contact)
 
 
@@ -104,14 +104,14 @@ def test_arrays_of_springs_must_fit():
     with pytest.raises(ValueError, match=r"force: expected shape \(2, 5, 3\), given \(2, 4, 3\)"):
         _kernels.Springs(node, key, dofs, np.zeros((2, 4, 3)), energy)
     none = np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32), np.empty(0)
-    with pytest.raises(ValueError, match="num_own: expected at most all nodes"):
+    with pytest.raises(ValueError, match="num_own: expected at most the number of nodes"):
         _kernels.contact_of_springs(springs, 6, 9, *none, key, np.empty(0))
     beyond = np.array([9], dtype=np.int32), np.array([0], dtype=np.int32), np.ones(1)
     with pytest.raises(ValueError, match="number: expected numbers of nodes"):
         _kernels.contact_of_springs(springs, 1, 9, *beyond, key, np.ones(1))
-    with pytest.raises(ValueError, match="rows of du"):
+    with pytest.raises(ValueError, match="row numbers of du"):
         _kernels.work_by_cause(springs, springs, np.zeros((1, 3)), np.zeros((2, 3)), np.empty(0))
-    with pytest.raises(ValueError, match="rows of dissipation"):
+    with pytest.raises(ValueError, match="row numbers of dissipation"):
         late = _kernels.Springs(node + 1, key, dofs, force, energy)
         _kernels.work_by_cause(springs, late, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(1))
 
@@ -179,5 +179,5 @@ def test_rows_that_repeat_are_all_added(rng):
     np.add.at(expected, rows, values)
     _kernels.add_rows(total[:4], total[4:], rows, values)
     np.testing.assert_allclose(total, expected)
-    with pytest.raises(ValueError, match="rows of total"):
+    with pytest.raises(ValueError, match="row numbers of total"):
         _kernels.add_rows(total[:4], total[4:], rows + 1, values)

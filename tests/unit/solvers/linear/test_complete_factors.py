@@ -149,13 +149,15 @@ def test_wrong_arguments_are_refused(rng):
         make(start, column, X[:-1])
     with pytest.raises(ValueError, match="expected at least one entry"):
         make(start[:0], column, X)
-    with pytest.raises(ValueError, match="expected rows that hold all columns"):
+    with pytest.raises(
+        ValueError, match="expected ascending offsets, from 0 to the length of column"
+    ):
         make(start - 1, column, X)
-    with pytest.raises(ValueError, match="expected numbers of rows"):
+    with pytest.raises(ValueError, match="expected row numbers"):
         make(start, column + 1, X)
     wrong = column.copy()
     wrong[:2] = wrong[1::-1]
-    with pytest.raises(ValueError, match="expected a symmetric pattern, ascending"):
+    with pytest.raises(ValueError, match="expected a symmetric pattern, ascending in each row"):
         make(start, wrong, X)
     factors = make(start, column, X)
     with pytest.raises(ValueError, match="expected the sparsity pattern with which"):

@@ -94,6 +94,6 @@ def test_entries_of_unknown_rows_or_columns_are_refused():
     known, unknown = np.array([5], dtype=np.int64), np.array([3], dtype=np.int64)
     for place in ((known, unknown), (unknown, known)):
         with pytest.raises(
-            ValueError, match="number: expected the numbers of all rows and columns"
+            ValueError, match="number: expected every number that row and column contain"
         ):
             _kernels.SmallSystem(number, *place, one)

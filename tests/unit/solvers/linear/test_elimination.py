@@ -73,7 +73,7 @@ def test_wrong_lists_and_vectors_are_refused(rng):
     )
     arrays = dict(zip(names, blocks("ragged", rng), strict=True))
     start, nodes, rank = arrays["start"], arrays["nodes"], arrays["rank"]
-    lists = "lists that have nodes and hold all of them"
+    lists = "strictly ascending offsets, from 0 to the length of nodes"
     for changed, match in (
         ({"nodes": -nodes - 1}, "nodes: expected no negative entry"),
         ({"tangent_nodes": -arrays["tangent_nodes"] - 1}, "nodes: expected no negative entry"),
@@ -82,10 +82,10 @@ def test_wrong_lists_and_vectors_are_refused(rng):
         ({"start": start - [0, 0, 0, 0, 0, 1]}, lists),
         ({"start": np.array([0, 3, 3, 40, 52, 55])}, lists),
         ({"start": np.array([0, 33, 3, 40, 52, 55])}, lists),
-        ({"rank": rank + 1}, "rank: expected 0, 1 or all"),
+        ({"rank": rank + 1}, "rank: expected 0, 1 or the number of components"),
         ({"normal": arrays["normal"][:, :2].copy()}, "slopes: expected shape"),
-        ({"gradients": arrays["gradients"][:-1]}, "a block for each of nodes"),
-        ({"columns": arrays["columns"][:-1]}, "a block for each of nodes"),
+        ({"gradients": arrays["gradients"][:-1]}, "a block for each entry of nodes"),
+        ({"columns": arrays["columns"][:-1]}, "a block for each entry of nodes"),
         ({"tangent": arrays["tangent"][:-1]}, "tangent: expected shape"),
     ):
         with pytest.raises(ValueError, match=match):

@@ -72,7 +72,9 @@ def test_last_rows_may_be_kept_elsewhere(rng, dim):
     with pytest.raises(ValueError, match="expected"):
         factors.factorise(start, column, blocks[0][:-1], order, behind=blocks[1])
     for behind in (value[1:], np.concatenate([value, value])):
-        with pytest.raises(ValueError, match="behind: expected blocks of the last columns"):
+        with pytest.raises(
+            ValueError, match="behind: expected whole blocks, at most one for each entry of column"
+        ):
             factors.factorise(start, column, blocks[0], order, behind=behind)
     for behind in (b[first + 1 :], b[: 2 * first, :1], np.concatenate([b, b])):
         with pytest.raises(ValueError, match="expected"):
@@ -153,9 +155,13 @@ def test_singular_diagonal_is_reported(rng, case):
 def test_wrong_arguments_are_refused(rng):
     (start, column, value), _, _ = matrix(rng, 0.5)
     factors, order = _kernels.IncompleteFactors(), np.arange(NODES, dtype=np.int32)
-    with pytest.raises(ValueError, match="expected rows that hold all columns"):
+    with pytest.raises(
+        ValueError, match="expected ascending offsets, from 0 to the length of column"
+    ):
         factors.factorise(start[:-1], column, value, order[:-1])
-    with pytest.raises(ValueError, match="expected rows that hold all columns"):
+    with pytest.raises(
+        ValueError, match="expected ascending offsets, from 0 to the length of column"
+    ):
         factors.factorise(start[[0, 2, 1, *range(3, NODES + 1)]], column, value, order)
     with pytest.raises(ValueError, match="expected at least one entry"):
         factors.factorise(start[:0], column[:0], value[:0], order[:0])
@@ -206,5 +212,5 @@ def test_places_that_are_no_rows_are_refused(rng, places):
     factors = _kernels.IncompleteFactors()
     assert factors.factorise(*rows, np.arange(NODES, dtype=np.int32))
     b = np.ones((NODES, 3))
-    with pytest.raises(ValueError, match="places: expected ascending places of rows"):
+    with pytest.raises(ValueError, match="places: expected ascending indices of rows"):
         factors.apply_at(np.array(places, dtype=np.int32), b, b.copy())

@@ -70,7 +70,7 @@ def test_kernel_refuses_arrays_of_wrong_shape(rng):
         A.multiply(x[:-1], y)
     with pytest.raises(ValueError, match="y: expected shape"):
         A.multiply(x, y[:-1])
-    with pytest.raises(ValueError, match="rows that hold all columns"):
+    with pytest.raises(ValueError, match="ascending offsets, from 0 to the length of column"):
         _kernels.SingleMatrix(rows[0][:-1], *rows[1:])
 
 

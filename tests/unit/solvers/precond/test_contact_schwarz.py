@@ -238,7 +238,7 @@ def test_values_may_lie_anywhere_in_vectors_and_at_ghosts(kind, rng):
     elsewhere.correct(*there[:, :OWNED], ghosts)
     there[1, OWNED:] = ghosts[:, 3:]
     np.testing.assert_array_equal(there[1, places], z)
-    with pytest.raises(ValueError, match="for each column"):
+    with pytest.raises(ValueError, match="for each row and column of the matrix"):
         elsewhere.correct(*there[:, :OWNED], ghosts[1:])
     with pytest.raises(ValueError, match="places: expected no negative entry"):
         made(*rows, places - 1)
@@ -254,15 +254,19 @@ def test_singular_rows_are_reported(rng):
 
 def test_wrong_matrices_and_nodes_are_refused(rng):
     start, column, value = matrix(rng)[0]
-    with pytest.raises(ValueError, match="expected rows that hold all columns"):
+    with pytest.raises(
+        ValueError, match="expected ascending offsets, from 0 to the length of column"
+    ):
         made(start[:-1], column, value)
     with pytest.raises(ValueError, match=r"value: expected shape"):
         made(start, column, value[:-1])
     schwarz = made(start, column, value)
     lists, nodes, *others = blocks(4, rng)
-    with pytest.raises(ValueError, match="expected nodes that are rows of the matrix"):
+    with pytest.raises(
+        ValueError, match="expected node numbers below the number of rows of the matrix"
+    ):
         schwarz.add(_kernels.Elimination(lists, nodes + NODES, *others))
-    with pytest.raises(ValueError, match="for each column"):
+    with pytest.raises(ValueError, match="for each row and column of the matrix"):
         schwarz.correct(*np.zeros((2, NODES - 1, 3)), NO_GHOSTS)
 
 
@@ -276,7 +280,7 @@ def test_largest_sizes_pass_on_nan(rng, sign):
     assert _kernels.largest_size(a) == np.inf
     a[1, 1] = np.copysign(np.nan, sign)
     assert np.isnan([_kernels.largest_size(a), _kernels.largest_difference(a, b)]).all()
-    with pytest.raises(ValueError, match="as many values"):
+    with pytest.raises(ValueError, match="two arrays of equal size"):
         _kernels.largest_difference(a, b[:2])
 
 
