@@ -144,13 +144,18 @@ class NodalFacets:
     @cached_property
     def has_edges(self) -> bool:
         """Whether normals of two facets at a node differ by more than 60 degrees. Collective."""
+        return reductions.anywhere(self._comm, bool(self._are_kinked.any()))
+
+    @cached_property
+    def _are_kinked(self) -> Flags:
+        """Whether normals of two facets of each node differ by more than 60 degrees, ``(n,)``."""
         around, node = self.around, np.repeat(self._numbers, self.around.counts)
         outward = self._normals[around.facets]
-        found = False
+        found: Flags = np.zeros(len(around.counts), dtype=bool)
         for apart in range(1, int(around.counts.max(initial=0))):
             cosine = np.einsum("ei,ei->e", outward[apart:], outward[:-apart])
-            found |= bool(np.any((node[apart:] == node[:-apart]) & (cosine < _OPPOSED)))
-        return reductions.anywhere(self._comm, found)
+            found[node[apart:][(node[apart:] == node[:-apart]) & (cosine < _OPPOSED)]] = True
+        return found
 
     def facing_fractions(self, x: Floats, normal: Floats, presses: Flags) -> Floats:
         """Fractions of the nodal areas on facets in contact, shape ``(n,)`` [-]. Collective.
@@ -202,6 +207,23 @@ class NodalFacets:
         presses, heights = fractions > 0, np.ones(len(normal))
         np.divide(moments, fractions, out=heights, where=presses)
         return np.where(presses, fractions, 1.0), heights
+
+    def turns_from(self, x: Floats, normal: Floats, least: float) -> Flags:
+        """Whether nodes within smooth faces turn away from contact normals, ``(n,)``. Collective.
+
+        A face is smooth at a node if its facets there are within 60 degrees of each other.
+
+        Args:
+            x: See `facing_fractions`.
+            normal: Unit contact normals of the nodes, or 0, ``(n, 3)``.
+            least: Cosine between a contact normal and an inward facet normal below which the facet
+                turns away [-].
+        """
+        node, cosine = np.repeat(self._numbers, self.around.counts), self._opposed(x, normal)
+        largest: Floats = np.full(len(normal), -np.inf)
+        np.maximum.at(largest, node, cosine)
+        turned: Flags = (largest < least) & ~self._are_kinked
+        return turned
 
     def _opposed(self, x: Floats, normal: Floats) -> Floats:
         """Cosine between the contact normal of a node and inward facet normals, ``(e,)`` [-]."""

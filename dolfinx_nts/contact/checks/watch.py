@@ -16,6 +16,7 @@ from dolfinx_nts.contact.checks.passage import shortest_passage_of
 from dolfinx_nts.contact.checks.reverse_passage import ReversePassages
 from dolfinx_nts.contact.checks.short_contacts import ShortContacts
 from dolfinx_nts.contact.checks.soft_springs import SoftSprings
+from dolfinx_nts.contact.checks.turned_nodes import TurnedNodes
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.joint_state import JointState
@@ -97,6 +98,7 @@ class ContactWatch:
         overlaps: Overlap check of bodies.
         vertices: Pass-through check of the vertices of segments.
         springs: Check of soft springs.
+        turned: Check of nodes that touch along another normal than that of their facets.
         gains: Check of spurious energy gains.
         impacts: Check of impacts that last a few steps; None in statics and explicit steps.
         velocity: Reference velocity of relative motions, shape ``(d,)`` [m/s]. Any value is valid;
@@ -107,6 +109,7 @@ class ContactWatch:
         self.vertices = ReversePassages([contact.pair for contact in contacts])
         self.overlaps = OverlapWatch(bodies, contacts, self.vertices.clear)
         self.springs = SoftSprings(bodies, contacts)
+        self.turned = TurnedNodes(contacts)
         self._contacts = tuple(contacts)
         self._comm = bodies[0].V.mesh.comm
         self.gains = EnergyGain(self._comm)
@@ -170,9 +173,10 @@ class ContactWatch:
         self._clearance = self._clearance_at_update = 0.0
 
     def check_overlaps(self, x: Floats, t: float) -> None:
-        """Check for overlaps, whether or not a check is due."""
+        """Check for overlaps and for turned nodes, whether or not a check is due."""
         self.update()
         self.overlaps.check(x, t)
+        self.turned.check(x, t)
 
     def forget(self) -> None:
         """Discard earlier motion, after the state was set. Local."""

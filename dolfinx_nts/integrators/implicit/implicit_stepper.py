@@ -590,6 +590,7 @@ class ImplicitStepper(Stepper):
             closed_within=gap_tolerance(self._sizes.smallest, digits),
         )
         self.inertia_defect, t = total.inertia, self.t + self.dt
+        self.watch.turned.check_at(self.step + 1, x, t)
         if not self._is_static:
             self.watch.gains.check(works, total.kinetic, t, total.open_gaps)
         if self.watch.impacts is not None:
