@@ -107,8 +107,9 @@ def all_pairs(
     have alternating pressures, and its vertices would penetrate between the nodes of the softer
     body. Rigid bodies, and round bodies fifteen times as stiff, provide segments. They provide
     nodes instead if a facet of the soft bodies covers more than a quarter radian of their round
-    surface, as it would only see a mean gap there; nodes of rigid bodies then have node-to-segment
-    contact. Bodies that share nodes count as one; a warning names bodies that share nodes but no
+    surface, as it would only see a mean gap there. Of two rigid bodies the finer one provides the
+    nodes. Pairs with nodes of rigid bodies have node-to-segment contact, unless ``method`` is
+    given. Bodies that share nodes count as one; a warning names bodies that share nodes but no
     facet. There is one pair for each obstacle, and one for each self contact. The name of a pair of
     two bodies contains their names; pairs of more bodies are numbered. Names depend neither on
     stiffness nor on facet sizes. The pairs are logged, and `Diagnostics.between` has the forces
@@ -194,9 +195,13 @@ def all_pairs(
     halves = list(_halves(groups))
     for finer, coarser in halves:
         for is_round, by in ((False, method), (True, NODES)):
-            some = [group for group in finer if (id(group) in round_rigid) == is_round]
+            some = list(
+                chain(*(group for group in finer if (id(group) in round_rigid) == is_round))
+            )
             if some:
-                add(list(chain(*some)), list(chain(*coarser)), by)
+                # As steppers do with pairs whose method was not given.
+                nodal = by is None and any(body.is_rigid for body in some)
+                add(some, list(chain(*coarser)), NODES if nodal else by)
     for two in halves if edges else []:
         finer, coarser = (list(chain(*some)) for some in two)
         if num_sharp_edges(surface(*finer)) and num_sharp_edges(surface(*coarser)):
@@ -216,10 +221,8 @@ def _coarseness(
     moduli: Floats,
     surface: Callable[..., Surface],
     method: Method | None,
-) -> tuple[dict[int, float], set[int]]:
-    """Sizes of the facets of groups of bodies, increased if a group should provide segments.
-
-    Collective.
+) -> tuple[dict[int, tuple[bool, float]], set[int]]:
+    """Order of groups of bodies, of which the last should provide segments. Collective.
 
     Args:
         groups: Bodies that are connected.
@@ -228,7 +231,9 @@ def _coarseness(
         method: Method of contact, see `all_pairs`.
 
     Returns:
-        Size by the `id` of a group [m], and the groups whose nodes have node-to-segment contact.
+        By the `id` of a group, whether it is rigid and provides segments to deformable ones, and
+        the size of its facets [m], increased if it should provide segments; and the round rigid
+        groups that provide nodes to deformable ones.
     """
     comm = groups[0][0].V.mesh.comm
     softest = reductions.least(comm, float(moduli.min(initial=np.inf)))
@@ -242,26 +247,30 @@ def _coarseness(
         # Of connected bodies, only those whose facets face other bodies determine the size.
         of_facets = joined(comm, moduli[own.segments].max(axis=1))
         modulus = float(np.median(of_facets[faces]))
+        size = float(np.quantile(lengths[faces], FINE))
         if modulus == np.inf:
-            return math.inf, math.inf
+            return size, math.inf
         weight = min((modulus / softest) ** _BY_STIFFNESS, _SIMILAR) if softest > 0 else 1.0
-        return float(np.quantile(lengths[faces], FINE)), weight
+        return size, weight
 
     found = [size_and_weight(own) for own in surfaces]
-    coarse, round_rigid = dict[int, float](), set[int]()
+    coarse, round_rigid = dict[int, tuple[bool, float]](), set[int]()
     for group, own, (size, weight) in zip(groups, surfaces, found, strict=True):
         arc = arc_length(*facing(own)) if weight >= _SIMILAR else math.inf
         softer = max((other for other, less in found if less < weight), default=0.0)
         if arc < softer and (weight < math.inf or method != MORTAR):
             # Facets of softer bodies do not resolve the round body: they would only see a mean gap.
-            size = min(size, arc)
             if weight == math.inf:
+                size = arc
                 round_rigid.add(id(group))
+            else:
+                size = min(size, arc)
         elif weight < math.inf:
             # Nodes of a stiff round body would have alternating pressures.
             size = weight * (max(size, softer) if arc < math.inf else size)
         # Rounded, so that equal bodies keep their order in the list.
-        coarse[id(group)] = float(f"{size:.6g}")
+        is_last = weight == math.inf and id(group) not in round_rigid
+        coarse[id(group)] = is_last, float(f"{size:.6g}")
     return coarse, round_rigid
 
 

@@ -13,12 +13,12 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.contact.joint_state import members
-from dolfinx_nts.contact.method import NODES, may_be_smooth
+from dolfinx_nts.contact.method import MORTAR, NODES, default_method, may_be_smooth
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.vertices import VertexState
 from dolfinx_nts.fem.node_numbering import listed, reference_positions
-from dolfinx_nts.integrators.rigid import redundant
+from dolfinx_nts.integrators.rigid import gives_rigid_nodes, redundant
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.moduli import least_modulus
 from dolfinx_nts.model.segments import diameters
@@ -105,7 +105,7 @@ class StepFailure:
             causes.append(f"nodes that keep changing segment or state: {nodes}")
         sides = ""
         if nodes or any(words in reasons for words in _PRESSED_IN):
-            sides = self._advice_on_stiffness(bodies) or self._advice_on_facet_sizes()
+            sides = self._advice_on_stiffness(bodies) or self._advice_on_facet_sizes(bodies)
         if nodes or _BETWEEN in reasons:
             sides = sides or self._advice_on_smoothing()
         causes.append(sides)
@@ -164,7 +164,7 @@ class StepFailure:
             f"times stiffer than {pair.segments.name}: let the softer one provide them"
         )
 
-    def _advice_on_facet_sizes(self) -> str:
+    def _advice_on_facet_sizes(self, bodies: Sequence[Body]) -> str:
         """Advice for pairs with larger facets of nodes than of segments, or "". Collective.
 
         Single nodes then indent facets, and vertices penetrate between the nodes.
@@ -192,10 +192,13 @@ class StepFailure:
         if not found:
             return ""
         ratio, pair = max(found, key=lambda each: each[0])
+        is_mortar = default_method(pair) == MORTAR and not gives_rigid_nodes(pair, bodies)
         return (
             f"{pair.nodes.name} provides the contact nodes, and its facets are {ratio:.2g} times "
             f"as large as those of {pair.segments.name} where they touch: exchange both in the "
-            'ContactPair, so that the finer one provides the nodes, or use method="mortar"'
+            "ContactPair, so that the finer one provides the nodes"
+            + ', or use method="mortar"'
+            * is_mortar
         )
 
     def _modulus(self, bodies: Sequence[Body], surface: Surface) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.friction.laws import FrictionLaw
-from dolfinx_nts.contact.friction.limits import Limits
+from dolfinx_nts.contact.friction.limits import Limits, round_off
 from dolfinx_nts.contact.friction.mortar_slip import NodalFrames, mean_slip
 from dolfinx_nts.contact.friction.traction import slip_energy, spring_model, transport
 from dolfinx_nts.contact.pair_state import PairState
@@ -82,6 +82,7 @@ class SpringFriction(Friction):
         inside = lambda_N < 0
         segment, p, node = segment[inside], -lambda_N[inside], springs.node
         points, x_n = NodalPoints(springs.dofs[:, 0]), candidates.scatter.forward(x_n)
+        negligible = round_off(law)
         if not len(node):
             return self.without_contact()
         slip = of_rows = candidates.slip(law.law, points, x_n, x, segment)
@@ -97,7 +98,7 @@ class SpringFriction(Friction):
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial = t_n + eps_T[:, None] * slip.value
         area = area_fraction * state.nodes.positive_area
-        limits = Limits(law, state.nodes, dt, lambda: area, old.slip)
+        limits = Limits(law, state.nodes, dt, lambda: area, old.slip, negligible)
         size = np.linalg.norm(trial, axis=1)
         judged, limit = limits.of_springs(node, p, size, eps_T, old.sliding[node])
         slides = _kernels.slides(judged.force, trial, trial, trial, np.zeros(len(node), dtype=bool))

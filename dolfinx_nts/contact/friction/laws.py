@@ -8,6 +8,7 @@ the node.
 
 import weakref
 from abc import abstractmethod
+from collections.abc import Mapping
 from numbers import Real
 from typing import Any, Literal, TypeAlias
 
@@ -47,6 +48,7 @@ class FrictionNodes:
         slipped: Accumulated slip of the nodes of the pair at the start of the step, shape ``(n,)``
             [m].
         known: Values of Functions and Constants at the nodes of the pair that have been read.
+        round_off: Size of negative values of Functions that count as zero; 0 for others.
 
     Example:
         >>> class Adhesive(nts.FrictionLaw):
@@ -57,10 +59,16 @@ class FrictionNodes:
     """
 
     def __init__(
-        self, of_surface: Any, node: Ints, area: Floats, slipped: Floats, known: dict[Any, Floats]
+        self,
+        of_surface: Any,
+        node: Ints,
+        area: Floats,
+        slipped: Floats,
+        known: dict[Any, Floats],
+        round_off: Mapping[Any, float],
     ) -> None:
         self._of_surface, self._node, self._known = of_surface, node, known
-        self._area, self._slipped = area, slipped
+        self._area, self._slipped, self._round_off = area, slipped, round_off
 
     @property
     def area(self) -> Floats:
@@ -83,7 +91,8 @@ class FrictionNodes:
 
         A Function or Constant is read once in each attempt at a step, a Function at the reference
         positions of the nodes. A discontinuous Function, such as one of degree 0, has the value of
-        one of the adjacent cells.
+        one of the adjacent cells. Of a Function that is an attribute of the law, negative values
+        within 1e-12 of its largest absolute value are zeros with round-off, and are 0.
 
         Args:
             coefficient: A number of any sign, a scalar Constant, or a scalar Function, such as a
@@ -102,7 +111,9 @@ class FrictionNodes:
             if isinstance(coefficient, fem.Constant):
                 self._known[coefficient] = np.full(len(nodes.nodes), float(coefficient.value))
             else:
-                self._known[coefficient] = _nodal_values(coefficient, nodes.V, nodes.nodes)
+                values = _nodal_values(coefficient, nodes.V, nodes.nodes)
+                is_zero = (values < 0) & (values >= -self._round_off.get(coefficient, 0.0))
+                self._known[coefficient] = np.where(is_zero, 0.0, values)
         return self._known[coefficient][self._node]
 
 

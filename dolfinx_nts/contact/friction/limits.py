@@ -1,6 +1,6 @@
 """Limits of tangential forces by a law of friction, and the slip of springs at the limit."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,8 +9,14 @@ from dolfinx import fem
 from dolfinx_nts.common.arguments import called_with_fixed, check_spelling, positive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction.laws import SLIP_MEASURES, FrictionLaw, FrictionNodes
+from dolfinx_nts.parallel import reductions
 
-__all__ = ["Limits", "NodalLimit", "check_law", "coefficients_of"]
+__all__ = ["Limits", "NodalLimit", "check_law", "coefficients_of", "round_off"]
+
+# Negative values of a Function that count as zero, relative to its largest absolute value [-]:
+# a zero of an interpolated expression has an error of a few times 1e-16. Larger: wrong signs would
+# be accepted.
+_ZERO = 1e-12
 
 # Largest number of iterations for the slip of springs [-]; bisection alone needs 52.
 _MOST_ITERATIONS = 60
@@ -58,6 +64,7 @@ class Limits:
         dt: Length of the step [s].
         area: Returns the reference areas of the nodes, shape ``(n,)`` [m^2].
         slipped: Accumulated slip of the nodes at the start, shape ``(n,)`` [m].
+        negligible: See `round_off`; None to compute it here, collectively.
 
     Attributes:
         depends_on_slip: Whether limits depend on the slip.
@@ -71,7 +78,9 @@ class Limits:
         dt: float,
         area: Callable[[], Floats],
         slipped: Floats,
+        negligible: Mapping[Any, float] | None = None,
     ) -> None:
+        self._negligible = round_off(law) if negligible is None else negligible
         self._law, self._nodes, self._dt = law, nodes, dt
         self._area, self._slipped = area, slipped
         self.coefficients: dict[Any, Floats] = {}
@@ -89,7 +98,9 @@ class Limits:
         """
         pressed = np.maximum(p, 0.0)
         slip = np.zeros(len(p)) if slip is None else slip
-        nodes = FrictionNodes(self._nodes, node, self._area(), self._slipped, self.coefficients)
+        nodes = FrictionNodes(
+            *(self._nodes, node, self._area(), self._slipped, self.coefficients, self._negligible)
+        )
         force, *slopes = _arrays(self._law, p.shape, pressed, slip, self._dt, nodes)
         by_p, by_slip = (np.where((pressed > 0) | np.isfinite(x), x, 0.0) for x in slopes)
         given = np.isfinite(pressed) & np.isfinite(slip)
@@ -152,6 +163,17 @@ class Limits:
         return sticks._replace(force=np.where(exists, limit.force, sticks.force)), slides
 
 
+def round_off(law: FrictionLaw) -> dict[Any, float]:
+    """Size of negative values of each Function of a law that count as zero. Collective."""
+    functions = [each for each in _attributes(law) if isinstance(each, fem.Function)]
+    own = [float(np.abs(each.x.array).max(initial=0.0)) for each in functions]
+    comms = [each.function_space.mesh.comm for each in functions]
+    return {
+        each: _ZERO * reductions.largest(comm, value)
+        for each, comm, value in zip(functions, comms, own, strict=True)
+    }
+
+
 def check_law(law: FrictionLaw, nodes: Any) -> None:
     """Evaluate a law at owned nodes of a surface, and check its derivatives by differences.
 
@@ -174,19 +196,19 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
             f"expected the attribute law of {law!r}, the measure of slip, to be "
             f"{' or '.join(map(repr, SLIP_MEASURES))}, given {law.law!r}"
         )
-    n, area = len(nodes.nodes), nodes.positive_area
+    n, area, negligible = len(nodes.nodes), nodes.positive_area, round_off(law)
     if n == 0:
         return
     node, one = np.arange(n, dtype=np.int32), np.ones(n)
-    Limits(law, nodes, 1.0, lambda: area, np.zeros(n)).at(node, one, one)
+    Limits(law, nodes, 1.0, lambda: area, np.zeros(n), negligible).at(node, one, one)
     for dt in _STEPS:
-        limits = Limits(law, nodes, dt, lambda: area, np.zeros(n))
+        limits = Limits(law, nodes, dt, lambda: area, np.zeros(n), negligible)
         # Open and sticking nodes.
         for p in (0.0, *_FORCES):
             limits.at(node, p * one)
         for slip in _SLIPS:
             limits.at(node, 0 * one, slip * one)
-        _check_derivatives(law, nodes, dt)
+        _check_derivatives(law, nodes, limits, dt)
 
 
 def coefficients_of(law: FrictionLaw | None, nodes: Any) -> list[Any]:
@@ -219,7 +241,7 @@ def _attributes(law: FrictionLaw) -> list[Any]:
     return found
 
 
-def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
+def _check_derivatives(law: FrictionLaw, nodes: Any, limits: Limits, dt: float) -> None:
     """Compare derivatives of a law in a step dt [s] with one-sided differences of the limit. Local.
 
     At a kink of the limit, such as at a cap, a derivative may have any value between both
@@ -228,7 +250,6 @@ def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     some = np.unique(np.linspace(0, len(nodes.nodes) - 1, _NUM_NODES, dtype=np.int32))
     grid = (each.ravel() for each in np.meshgrid(some, _FORCES, _SLIPS, indexing="ij"))
     node, p, slip = grid
-    limits = Limits(law, nodes, dt, lambda: nodes.positive_area, np.zeros(len(nodes.nodes)))
     at = limits.at(node, p, slip)
     if np.any(at.force != limits.at(node, p, slip).force):
         raise ValueError(

@@ -322,6 +322,37 @@ def test_an_error_names_nodes_on_the_coarser_side_and_its_advice_helps(comm):
 
 
 @pytest.mark.serial
+@pytest.mark.parametrize("is_rigid", [True, False])
+def test_an_error_advises_mortar_contact_only_with_nodes_of_deformable_bodies(
+    comm, monkeypatch, is_rigid
+):
+    def build(model):
+        for i, n in enumerate((4, 2)):
+            place = {"corner": (0.0, 0.0, 1.01 * i), "size": (1.0, 1.0, 1.0), "cells": (n, n, n)}
+            parts.add_box(model, f"box {i}", **place)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.NeoHookean(1e5, 0.3, 1e3)
+    fine = nts.Body(V, cells, tag["box 0"], rubber)
+    if is_rigid:
+        coarse = nts.RigidBody(V, cells, tag["box 1"], rho=1e3)
+    else:
+        coarse = nts.Body(V, cells, tag["box 1"], rubber)
+    pair = nts.ContactPair(
+        *map(nts.boundary_of, (coarse, fine)),
+        method=None if is_rigid else "node-to-segment",
+    )
+    stepper = nts.EnergyMomentum([fine, coarse], [pair], dt=0.01)
+    stepper.set_velocity(coarse, (0.0, 0.0, -2.0))
+    monkeypatch.setattr(contact_step, "_UNSETTLED", 0)
+    monkeypatch.setattr(newton, "_MAX_ITERATIONS", 1)
+    with pytest.raises(nts.ConvergenceError, match="so that the finer one provides") as failed:
+        stepper.advance()
+    assert ('or use method="mortar"' in str(failed.value)) != is_rigid
+
+
+@pytest.mark.serial
 def test_explicit_steps_stay_stable(comm, agree):
     stepper = scene(comm, SCHEMES["explicit"]).stepper
     ends = [report.t for report in stepper.run(0.013, nts.StepControl(times=[0.0031]))]

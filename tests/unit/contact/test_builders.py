@@ -18,7 +18,7 @@ from helpers.once import once
 RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
 
 
-def row(comm, cells=(1, 2, 3), stiffness=None):
+def row(comm, cells=(1, 2, 3), stiffness=None, *, rigid=False):
     """Unit cubes in a row, with different numbers of cells along an edge."""
 
     def build(model):
@@ -28,6 +28,9 @@ def row(comm, cells=(1, 2, 3), stiffness=None):
 
     mesh, tags, facets, tag = read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    if rigid:
+        of_boxes = [tag[f"box {i}"] for i in range(len(cells))]
+        return [nts.RigidBody(V, tags, number, rho=1e3) for number in of_boxes], facets, tag
     materials = [RUBBER] * len(cells)
     if stiffness is not None:
         materials = [nts.NeoHookean(E, 0.3, 1e3) for E in stiffness]
@@ -201,8 +204,24 @@ def test_only_facing_bodies_of_connected_ones_determine_roles(comm, stiff, pad_f
     for bodies in ([pad, core, other], [core, pad, other]):
         (pair,) = nts.all_pairs(bodies)
         assert np.array_equal(ids(pair.nodes), ids(nts.boundary_of(*expected)))
-        # Only round rigid bodies without a deformable part give nodes by node-to-segment contact.
-        assert pair.method == "mortar"
+        has_rigid_nodes = stiff is None and pad_faces_the_other
+        assert pair.method == ("node-to-segment" if has_rigid_nodes else "mortar")
+        assert nts.EnergyMomentum(bodies, [pair], dt=0.1).pairs[0].method == pair.method
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("cells", [(1, 3), (3, 1), once((2, 1, 4)), once((2, 2))])
+def test_the_finer_of_rigid_bodies_gives_the_nodes_in_node_to_segment_contact(comm, cells):
+    bodies, _, _ = row(comm, cells, rigid=True)
+    pairs = nts.all_pairs(bodies)
+    ordered = sorted(zip(cells, bodies, strict=True), key=lambda each: -each[0])
+    finest, *coarser = [body for _, body in ordered]
+    assert np.array_equal(ids(pairs[0].nodes), ids(nts.boundary_of(finest)))
+    assert np.array_equal(ids(pairs[0].segments), ids(nts.boundary_of(*coarser)))
+    assert np.array_equal(ids(pairs[-1].segments), ids(nts.boundary_of(coarser[-1])))
+    used = nts.EnergyMomentum(bodies, pairs, dt=0.1).pairs
+    assert [pair.method for pair in pairs] == ["node-to-segment"] * (len(cells) - 1)
+    assert [pair.method for pair in used] == [pair.method for pair in pairs]
 
 
 @pytest.mark.at_most_two_ranks

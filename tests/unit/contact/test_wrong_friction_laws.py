@@ -176,7 +176,7 @@ def test_wrong_attribute_is_named(name, value, error, message):
 @pytest.mark.serial
 def test_value_of_a_vector_is_refused(comm):
     V = fem.functionspace(mesh.create_unit_square(comm, 1, 1), ("Lagrange", 1, (2,)))
-    nodes = FrictionNodes(NODES, np.arange(9, dtype=np.int32), np.ones(9), np.zeros(9), {})
+    nodes = FrictionNodes(NODES, np.arange(9, dtype=np.int32), np.ones(9), np.zeros(9), {}, {})
     with pytest.raises(TypeError, match=r"as a scalar Function, given shape \(2,\)"):
         nodes.value(fem.Function(V))
     with pytest.raises(TypeError, match=r"as a scalar Constant, given shape \(2,\)"):
@@ -233,7 +233,7 @@ def test_value_of_what_has_none_at_a_node_is_refused(comm, given, error, message
         given = fem.Constant(square, given)
     elif hasattr(given, "family_name"):
         given = fem.Function(fem.functionspace(square, given))
-    nodes = FrictionNodes(NODES, np.arange(9, dtype=np.int32), np.ones(9), np.zeros(9), {})
+    nodes = FrictionNodes(NODES, np.arange(9, dtype=np.int32), np.ones(9), np.zeros(9), {}, {})
     with pytest.raises(error, match=message):
         nodes.value(given)
 

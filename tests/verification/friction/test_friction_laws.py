@@ -295,6 +295,33 @@ def test_coefficient_may_be_a_function(method, element):
     assert "mu = a Function" in str(pair)
 
 
+def by_function(V: fem.FunctionSpace, least: float) -> fem.Function:
+    """Function that is 0.4 for x > 0.6 m and small elsewhere, also at all nodes of some ranks."""
+    found = fem.Function(fem.functionspace(V.mesh, ("Lagrange", 1)))
+    found.interpolate(lambda x: np.where(x[0] < 0.6, least, 0.4))
+    return found
+
+
+@pytest.mark.parametrize("kind", ["Coulomb", "Tresca", "SlipWeakening"])
+def test_negative_values_of_a_function_within_round_off_are_zero(kind):
+    def law(V: fem.FunctionSpace, least: float = -1e-16) -> nts.FrictionLaw:
+        mu = by_function(V, least)
+        return {
+            "Coulomb": lambda: nts.Coulomb(mu),
+            "Tresca": lambda: nts.Tresca(0.3, mu),
+            "SlipWeakening": lambda: nts.SlipWeakening(mu, mu, 0.1),
+        }[kind]()
+
+    (pair,) = dragged(law).pairs
+    assert MPI.COMM_WORLD.allreduce(int(pair.history.sliding.sum())) > 0
+    b = block()
+    explicit = nts.CentralDifference([b], [on_plate(b, float, law(b.V), None)], dt=1e-3)
+    explicit.set_velocity(b, (0.0, 0.0, -1.0))
+    explicit.advance()
+    with pytest.raises(ValueError, match=r"limits of friction >= 0 from .*given -"):
+        on_plate(b, float, law(b.V, -1e-9), None)
+
+
 def test_law_without_a_limit_is_refused():
     """On all ranks, when the pair is made."""
     b = block()
