@@ -298,7 +298,7 @@ def test_rod_that_strikes_the_floor_by_an_edge_has_the_impulse_of_a_rigid_one(e,
 
 def test_laws_without_a_coefficient_of_restitution_are_refused(comm, refused):
     for impact, e in (("restitution", None), ("elastic", 0.5)):
-        with refused(ValueError, f"with no other, given impact '{impact}' and e = {e}"):
+        with refused(ValueError, f"with no other impact, given impact '{impact}' and e = {e}"):
             nts.LagrangeMultiplier(impact, e=e)
     for e in (-0.1, 1.1):
         with refused(ValueError, f"restitution e from 0 to 1, given {e}"):
