@@ -188,8 +188,8 @@ class Penalty(Declaration):
       of the first step; a body that strikes at one point then penetrates by about its motion in one
       or two steps. In statics it is ten times the stiffness of the stiffest deformable node.
     - In `CentralDifference` it is 3/5 of the stiffness of the layers of cells of both sides in
-    series. Beyond one and a half times the pressure of plane waves it is up to two and a half times
-    as large, as far as the length of the steps allows.
+      series. Beyond one and a half times the pressure of plane waves it is up to two and a half
+      times as large, as far as the length of the steps allows.
 
     A surface with all displacements prescribed counts as rigid.
 
