@@ -186,11 +186,10 @@ class ImplicitStepper(Stepper):
         self._reactions = Reactions(
             self._bulk,
             self.bodies,
-            MeanForces(
-                self.node_ids, self._bulk.rigid.dim, 1 + len(self.loads), is_static=self._is_static
-            ),
+            MeanForces(self.node_ids, self._bulk.rigid.dim, 1 + len(self.loads))
+            if self._is_static
+            else None,
             at_mean=self.scheme.loads_at == "mean",
-            is_static=self._is_static,
         )
         self._forces = StepForces(self._bulk, self._lumped_mass)
 
@@ -265,7 +264,8 @@ class ImplicitStepper(Stepper):
         """Serialize the state, including the rates and the linear solver."""
         super().serialize(archive)
         self._forces.serialize(archive)
-        self._reactions.means.serialize(archive)
+        if self._reactions.means is not None:
+            self._reactions.means.serialize(archive)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
         if archive.restores:
@@ -281,7 +281,8 @@ class ImplicitStepper(Stepper):
     ) -> None:
         """Copy the state of another scene, and its rates if the scheme is the same."""
         super().copy_state(archive, contacts, same_scheme=same_scheme, same_bodies=same_bodies)
-        self._reactions.means.forget()
+        if self._reactions.means is not None:
+            self._reactions.means.forget()
         if same_scheme:
             self._rates.serialize(archive, self.node_ids)
 
@@ -549,23 +550,24 @@ class ImplicitStepper(Stepper):
             self._observer(steps, solution.end.states)
         n = len(self._lumped_mass)
         works = {}
-        # Work of the end forces of a static step minus that of the mean forces.
-        excess = 0.0
+        # In statics the work that end forces of obstacles would do beyond that of mean forces.
+        means, excess = self._reactions.means, 0.0
         for step, pairs in zip(steps, solution.end.states, strict=True):
             history = contact_history(step, pairs)
-            mean = self._reactions.means.of_contact(step.state.history.force, history.force)
+            mean = history.force
+            if means is not None:
+                mean = means.of_contact(step.state.history.force, mean)
+                excess += obstacle_work(step, history.force - mean)
             works[step.state] = contact_work(step, pairs, history, mean)
-            excess += obstacle_work(step, history.force - mean)
             if self._released_springs is not None:
                 self._released_springs.collect(step, pairs)
             step.state.accept(history)
         self.watch.springs.check()
         self._step_solver.relief.warn(steps)
         x, v, du = self.x, self.v.x.array[:n], (self._u - self._u_n)[:n]
-        forces = [self._reactions.forces(steps, solution), *self._bulk.loads()]
-        means = self._reactions.means.of(forces)
-        excess += sum(float((end - mean) @ du) for end, mean in zip(forces, means, strict=True))
-        reactions, constraints = self._reactions.of(forces[0], means[0], x, self._motion.owned(du))
+        reactions, loads, constraints = self._reactions.of(
+            steps, solution, x, self._motion.owned(du)
+        )
         self.memory.accept()
         v_n = v.copy()
         update = self._inertia.accept(steps)
@@ -583,7 +585,7 @@ class ImplicitStepper(Stepper):
             steps,
             solution,
             defect=update.defect + constraints + excess,
-            loads=means[1:],
+            loads=loads,
             du=du,
             v_n=v_n,
             v=v,

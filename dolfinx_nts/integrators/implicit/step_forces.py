@@ -162,9 +162,8 @@ class Reactions:
     Args:
         bulk: Residual of the bodies, with supports and rigid motions.
         bodies: All bodies.
-        means: Forces that do the work of a step.
+        means: Mean forces of static steps, None with inertia.
         at_mean: Whether forces act in the middle of a step rather than at its end.
-        is_static: Whether bodies have no inertia.
 
     Attributes:
         means: As given.
@@ -174,24 +173,18 @@ class Reactions:
         self,
         bulk: Bulk,
         bodies: Sequence[Body],
-        means: MeanForces,
+        means: MeanForces | None,
         *,
         at_mean: bool,
-        is_static: bool,
     ) -> None:
         self._bulk, self._at_mean, self.means = bulk, at_mean, means
         rigid = bulk.rigid
         # Constraint forces of rigid bodies in the middle of the step do no work.
-        self._constraints_work = rigid.exists and not is_static and rigid.part != 0.5
+        self._constraints_work = rigid.exists and means is None and rigid.part != 0.5
         self._exist = bulk.supports.exist or bool(guided(bodies)) or self._constraints_work
 
-    def forces(self, steps: Sequence[ContactStep], solution: newton.Solution) -> Floats:
-        """Forces of supports and of rigid bodies on the owned dofs, ``(d n,)`` [N].
-
-        Args:
-            steps: Contact of the step.
-            solution: Solution of Newton's method.
-        """
+    def _forces(self, steps: Sequence[ContactStep], solution: newton.Solution) -> Floats:
+        """Forces of supports and of rigid bodies on the owned dofs, ``(d n,)`` [N]."""
         supports, rigid = self._bulk.supports, self._bulk.rigid
         forces = np.zeros((self._bulk.num_owned // rigid.dim, rigid.dim))
         if self._exist:
@@ -202,31 +195,41 @@ class Reactions:
         return forces.ravel()
 
     def of(
-        self, force: Floats, mean: Floats, x: Floats, du: Floats
-    ) -> tuple[tuple[Reaction, ...], float]:
-        """Reactions of supports, then of guides. Collective.
+        self, steps: Sequence[ContactStep], solution: newton.Solution, x: Floats, du: Floats
+    ) -> tuple[tuple[Reaction, ...], list[Floats], float]:
+        """Reactions of supports, then of guides, and loads that do work. Collective.
 
         Args:
-            force: `forces` of the step, ``(d n,)`` [N].
-            mean: Those that do its work, ``(d n,)`` [N].
+            steps: Contact of the step.
+            solution: Solution of Newton's method.
             x: Positions of the local nodes at the end of the step, shape ``(l, 3)`` [m].
             du: Displacement increments of the owned nodes, shape ``(n, d)`` [m].
 
         Returns:
-            The reactions, and the work of the rigidity constraints on this rank [J].
+            The reactions; each load that does work, on the owned dofs, ``(d n,)`` [N]; and a work
+            on this rank [J]: with inertia, of the rigidity constraints; in statics, of the end
+            forces minus the work of the mean forces.
         """
+        ends = [self._forces(steps, solution), *self._bulk.loads()]
+        means, work = ends, 0.0
+        if self.means is not None:
+            means = self.means.of(ends)
+            work = sum(
+                float((end - mean) @ du.ravel()) for end, mean in zip(ends, means, strict=True)
+            )
+        (force, *_), (mean, *loads) = ends, means
         if not self._exist:
-            return (), 0.0
+            return (), loads, work
         supports, rigid = self._bulk.supports, self._bulk.rigid
         fixed, (n, d) = supports.fixed, du.shape
         if self._at_mean:
             x = x.copy()
             x[:n] -= in_space(du) / 2
         of_supports = supports.reactions(force[fixed], x, du.ravel()[fixed], mean[fixed])
-        (force, mean), work = (each.reshape(n, d) for each in (force, mean)), 0.0
+        force, mean = (each.reshape(n, d) for each in (force, mean))
         if self._constraints_work:
             u = self._bulk.u.x.array[: n * d].reshape(n, d)
             prescribed, nodes = rigid.prescribed_displacement(u), rigid.nodes
             work = float(np.vdot(force[nodes], (du - prescribed)[nodes]))
             du = prescribed
-        return of_supports + rigid.guides.reactions(force, x, du, mean), work
+        return of_supports + rigid.guides.reactions(force, x, du, mean), loads, work

@@ -72,3 +72,18 @@ def test_external_work_is_of_second_order_in_the_increment(drive):
     few, many = (missing(drive, num) for num in (8, 16))
     assert abs(many) < 0.01
     assert abs(few) > 3.0 * abs(many)
+
+
+def test_a_resumed_run_has_the_works_of_the_whole_one(folder, agree):
+    def last_row(name, *ends):
+        for end in ends:
+            stepper = pressed("support", 0.25)
+            with nts.Recorder(folder / name, stepper, checkpoint_every=1, resume=True) as record:
+                for step in stepper.run(until=end):
+                    record.write(step)
+        return np.genfromtxt(folder / f"{name}.csv", delimiter=",", names=True)[-1]
+
+    whole, parts = last_row("whole", 1.0), last_row("parts", 0.5, 1.0)
+    assert agree(whole["external_work"] > 0)
+    assert agree(parts["external_work"] == whole["external_work"])
+    assert agree(parts["energy_unaccounted"] == whole["energy_unaccounted"])
