@@ -1,6 +1,7 @@
 """Check of nodes that touch along another normal than that of their own facets."""
 
 import logging
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,17 +10,19 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import reference_positions
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["TurnedNodes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Least cosine between the contact normal and the inward normal of a facet at the node [-]: 45
-# degrees. Facets that meet flush, and those of round bodies, have larger ones; where an edge of the
-# segments presses on a face, forces along the normal of a segment are wrong from smaller angles on,
-# but coarse round surfaces reach these, too.
-_ALONG = 0.7
+# Cosine of the angle between the contact normal and the inward normals of all facets at a node [-]
+# below which there is a warning. Larger: warnings for coarse round surfaces, whose facets meet at
+# tens of degrees. Smaller: later warnings; the force on a block that tips over an edge is wrong
+# from the angle of friction on.
+_ALONG = math.cos(math.radians(45))
 # Number of steps between two checks [-]. Larger: later warnings; smaller: more time.
 _EVERY = 10
 
@@ -37,10 +40,15 @@ class TurnedNodes:
     """
 
     def __init__(self, contacts: Sequence[PairState]) -> None:
-        self._watched = [each for each in contacts if each.pair.method == NODES]
+        # Only segments of meshes and of rigid surfaces have edges.
+        self._watched = [
+            each
+            for each in contacts
+            if each.pair.method == NODES and isinstance(each.pair.segments, Surface | RigidSurface)
+        ]
 
     def check_at(self, step: int, x: Floats, t: float) -> None:
-        """Check after some of the steps, by their number. Other arguments as for `check`."""
+        """Check after every tenth step. Other arguments as for `check`."""
         if self._watched and step % _EVERY == 0:
             self.check(x, t)
 
@@ -56,8 +64,7 @@ class TurnedNodes:
             presses = history.active & (history.force != 0).any(axis=1)
             normal = np.where(presses[:, None], history.normal, 0.0)
             turned = presses & contact.facets.turns_from(x, normal, _ALONG)
-            number = int(reductions.total(nodes.V.mesh.comm, np.count_nonzero(turned)))
-            if number:
+            if reductions.anywhere(nodes.V.mesh.comm, bool(turned.any())):
                 self._watched.remove(contact)
                 self._warn(contact, reference_positions(nodes.V)[nodes.nodes[turned]], t)
 
@@ -67,10 +74,10 @@ class TurnedNodes:
         places = [place for each in comm.allgather(X.tolist()) for place in each]
         if comm.rank == 0:
             _logger.warning(
-                "at t = %g s, %d nodes of contact between %s press along normals that differ by "
-                "more than 45 degrees from those of their facets, such as the one at %s m in the "
-                "reference configuration: an edge presses on a face there, and the direction of "
-                "the force is wrong; exchange both sides, so that the edge gives nodes, or use "
-                "method='mortar' between bodies that deform",
-                *(t, len(places), contact.pair.between, np.round(min(places), 6).tolist()),
+                "at t = %g s, nodes of contact between %s press along normals that differ by "
+                "more than 45 degrees from those of their facets, at %d nodes, one of them at "
+                "%s m in the reference configuration: an edge presses on a face there, and the "
+                "direction of the force is wrong; exchange both sides, so that the edge gives "
+                "nodes, or use method='mortar' between bodies that deform",
+                *(t, contact.pair.between, len(places), np.round(min(places), 6).tolist()),
             )
