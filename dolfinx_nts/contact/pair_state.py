@@ -206,7 +206,11 @@ class PairState(Tractions, NodesOfPairs):
             if cells is not None:
                 moduli, densities, shear = cells()
                 of_cells = Layers.of(pair, moduli, densities)
-                normal = np.where(of_cells.deforms, of_cells.stiffness() / SOFT, normal)
+                of_layers = of_cells.stiffness()
+                if pair.is_convective or not _takes_default(pair):
+                    # No fraction acts at edges: the mean layers of the nodes count.
+                    of_layers = of_layers * of_cells.stiffness_fraction(None, None)
+                normal = np.where(of_cells.deforms, of_layers / SOFT, normal)
                 # Relative to the cells in shear as stiff as loaded normal springs in compression,
                 # as no impact arrives along the surface. Stiffer by M/G: a sliding block that stops
                 # takes 12.5 instead of 8 iterations a step. Softer: slip reverses too late in an
