@@ -192,13 +192,12 @@ class StepFailure:
         if not found:
             return ""
         ratio, pair = max(found, key=lambda each: each[0])
-        is_mortar = default_method(pair) == MORTAR and not gives_rigid_nodes(pair, bodies)
+        may_be_mortar = default_method(pair) == MORTAR and not gives_rigid_nodes(pair, bodies)
+        mortar = ', or use method="mortar"' if may_be_mortar else ""
         return (
             f"{pair.nodes.name} provides the contact nodes, and its facets are {ratio:.2g} times "
             f"as large as those of {pair.segments.name} where they touch: exchange both in the "
-            "ContactPair, so that the finer one provides the nodes"
-            + ', or use method="mortar"'
-            * is_mortar
+            f"ContactPair, so that the finer one provides the nodes{mortar}"
         )
 
     def _modulus(self, bodies: Sequence[Body], surface: Surface) -> float:

@@ -126,8 +126,8 @@ class FrozenPoints(LocalSearch):
         In resolved impact they do not depend on gaps: fractions that change between steps reduce
         the order of convergence in time from 2.7 to 0.6. Around loaded nodes fractions do not
         increase: mean gaps would decrease without motion, and resting bodies, whose springs follow
-            their gaps, would penetrate further in each step. Gaps at x, without contact forces, are
-            ignored there.
+        their gaps, would penetrate further in each step. Gaps at x, without contact forces, are
+        ignored there.
         """
         if self._is_resolved:
             return np.ones(len(self._every))
